@@ -615,3 +615,10 @@ def test_what_the_world_is_made_of_must_exist_and_fit(override: str) -> None:
 def test_what_a_station_needs_must_exist_and_fit(overrides: list[str], words: list[str]) -> None:
     scenario = load_scenario("tabletop", [*overrides, "twin.library={}", "twin.camera=null"])
     _raises(lambda: make_closed_loop(scenario), words[0], words[1:])
+
+
+def test_an_object_without_a_name_is_refused() -> None:
+    scenario = Scenario()
+    scenario.twin.library = {" ": "objects/can"}
+    with pytest.raises(ScenarioError, match=r"twin\.library: an object has an empty name"):
+        check_twin(scenario.twin)

@@ -170,7 +170,11 @@ def test_what_cannot_be_taken_in_is_refused() -> None:
         twin.add_asset(CAN, "sugar_box")
     with pytest.raises(AssetError):
         twin.add_asset(CAN / "no_such")
+    with pytest.raises(TwinError, match="must have a name, not ''"):
+        twin.add_asset(CAN, "")
     context = twin.diagram.CreateDefaultContext()
+    with pytest.raises(TwinError, match=f"asset {number}: X_WO is not finite"):
+        twin.use_asset(context, number, RigidTransform([0.5, 0.0, np.nan]))
     twin.use_asset(context, number)
     assert twin.names(context).of(1, 1, number) == "can" and twin.names(context).of(1, 2, number) == "can#3"
     with pytest.raises(TwinError, match=r"no slot is free .* all 1 beside the library's .*twin\.slots\.instances"):

@@ -7,9 +7,10 @@ from typing import Any
 
 from pydrake.systems.framework import Context
 
-from twin_diagram.errors import ScenarioError, TwinError
 from twin_diagram.runs.run_folder import RunFolder
+from twin_diagram.runtime import written_files
 from twin_diagram.scenario import Scenario
+from twin_diagram.twin.given_files import named
 from twin_diagram.twin.growing import Grower
 from twin_diagram.twin.twin import TwinDiagram
 
@@ -27,18 +28,17 @@ class GrowthWatch:
             say: takes what happens.
 
         Raises:
-            ScenarioError: the twin cannot take assets in.
+            ScenarioError: the twin cannot take assets in, or their folder cannot be written to.
         """
         self._out, self._say = out, say
         self._grower: Grower | None = None
+        self._before: frozenset[str] = frozenset()
         growth = scenario.twin.growth
         if growth is None:
             return
         folder = None if out.path is None else out.path / "grown"
-        try:
-            self._grower = Grower(twin, growth, self._journal, folder, waits=scenario.station != "lcm")
-        except TwinError as error:
-            raise ScenarioError("twin.growth", str(error)) from error
+        waits = scenario.station != "lcm"
+        self._grower = named("twin.growth", lambda: Grower(twin, growth, self._journal, folder, waits=waits))
         self._below = folder is not None and not growth.library
 
     def poll(self, context: Context) -> None:
@@ -51,6 +51,7 @@ class GrowthWatch:
         return {} if self._grower is None else self._grower.told()
 
     def __enter__(self) -> GrowthWatch:
+        self._before = frozenset(self._files())
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -65,9 +66,15 @@ class GrowthWatch:
             self._note()
 
     def _note(self) -> None:
-        """Tell the run's folder of what was written below it."""
-        if self._grower is not None and self._below and self._grower.library.is_dir():
-            self._out.note_all(self._grower.library)
+        """Tell the run's folder of what was written below it, and of nothing that somebody else put there."""
+        self._out.note(*sorted(set(self._files()) - self._before))
+
+    def _files(self) -> list[str]:
+        """Return the files of the library, by their paths in the run's folder, where it lies in there."""
+        if self._grower is None or not self._below:
+            return []
+        library = self._grower.library
+        return [f"{library.name}/{name}" for name in written_files.files_of(library)]
 
 
 def sentence(event: dict[str, Any]) -> str:

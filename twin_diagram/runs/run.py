@@ -101,14 +101,14 @@ def run_scenario(
         keep = Keeping(scenario, record, log, stack)
         mend = Mending(scenario, leave, say)
         loop = make_closed_loop(scenario, _hanging(keep, mend, look))
-        simulator = _simulator(loop)
+        simulator, growth = _simulator(loop), GrowthWatch(scenario, loop.twin, leave, say)
         if look is not None:
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
         leave.clear()
         _search_beside(loop, stack)
         healer = stack.enter_context(mend.healer(loop.twin))
-        with GrowthWatch(scenario, loop.twin, leave, say) as growth:
+        with growth:
             stop, trial, summary = _simulate(loop, simulator, quiet, healer.poll, growth, leave, say)
         if stop is not None:
             keep.cut(simulator.get_context().get_time())

@@ -17,7 +17,8 @@ class Growing:
     """An asset counts exactly this long after its pictures were enough: a simulation or replay waits for it, so that
     two runs are alike; a real arm does not, and it counts when it is there, but no sooner [s]."""
     things: int = 4
-    """So many unknown things are followed at a time; each takes some 5 to 20 ms of a core an image."""
+    """So many unknown things are followed at a time. One takes 20 to 50 ms of a core an image; half of that is a
+    second segmentation, which all share."""
     attempts: int = 2
     """A thing of which so many reconstructions failed stays unknown."""
     patience: float = 300.0

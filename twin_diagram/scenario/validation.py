@@ -115,8 +115,12 @@ def check_twin(twin: Twin) -> None:
     _corners(twin.perception.workspace, "twin.perception.workspace")
     if twin.driver.torque_side not in ("motor", "link"):
         raise ScenarioError("twin.driver.torque_side", f"{twin.driver.torque_side!r} is none of motor, link")
+    if not all(name.strip() for name in twin.library):
+        raise ScenarioError("twin.library", "an object has an empty name")
     if twin.growth is not None and twin.camera is None:
         raise ScenarioError("twin.growth", "nothing is seen grow without a camera: twin.camera is null")
+    if twin.growth is not None and not twin.slots.unknown:
+        raise ScenarioError("twin.growth", "nothing grows where what is unknown is ignored: twin.slots.unknown is 0")
     if twin.healing is not None:
         _healing(twin.healing, "twin.healing")
     if twin.camera is not None:

@@ -51,6 +51,8 @@ class AddedAssets:
         if not isinstance(asset, Asset):
             asset = Asset.load(asset)
         name = asset.name if name is None else name
+        if not name.strip():
+            raise TwinError(f"{asset.folder}: an asset must have a name, not {name!r}")
         if name in self._scene.object_names or name in self.assets:
             raise TwinError(f"asset {name}: the twin knows an object of this name already; choose another")
         sight = self.check(f"asset {name}: ")
@@ -90,6 +92,8 @@ class AddedAssets:
         if self._sight is None:
             raise IndexError(f"asset {number}: none was added")
         pose = None if X_WO is None else np.concatenate([X_WO.rotation().ToQuaternion().wxyz(), X_WO.translation()])
+        if pose is not None and not np.isfinite(pose).all():
+            raise TwinError(f"asset {number}: X_WO is not finite: {pose}")
         self._sight.use_asset(diagram.GetMutableSubsystemContext(self._sight, context), number, pose)
 
     def names(self, diagram: Diagram, context: Context) -> Names:

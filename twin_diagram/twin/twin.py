@@ -123,7 +123,7 @@ class TwinDiagram:
 
         Raises:
             AssetError: it cannot be read.
-            TwinError: the name is taken, or the twin has no eyes or no slots for it.
+            TwinError: the name is taken or empty, or the twin has no eyes or no slots for it.
         """
         return self.added.add(asset, name)
 
@@ -138,7 +138,8 @@ class TwinDiagram:
             X_WO: where it is now; None: nobody knows.
 
         Raises:
-            TwinError: no slot is free.
+            IndexError: no asset of that number was added.
+            TwinError: no slot is free, or X_WO is not finite.
         """
         self.added.use(self.diagram, context, number, X_WO)
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.assets.building.pictured import Shots, box, cameras, shots
 from twin_diagram.assets.building.cube_outline import outlined_edges
-from twin_diagram.assets.building.cube_scale import Cube
+from twin_diagram.assets.building.cube_scale import Cube, is_green
 from twin_diagram.assets.building.depth_view import make_view, view_points
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, without
 from twin_diagram.assets.building.levelling import levelled
@@ -154,3 +154,46 @@ def test_what_stands_beside_is_no_surface_and_ends_rays(taken: Shots) -> None:
     assert not view.trust[beside].any() and view.near_edge[beside].all()
     np.testing.assert_array_equal(view.depth, frame.depth)
     assert view.trust[~beside].max() > 0.9
+
+
+def few(file: Path, images: np.ndarray, views: int = 2, batch: bool = False) -> Path:
+    """A file of the right shapes: a wall a metre away before cameras at the origin."""
+    rows, columns = np.mgrid[0:6.0, 0:8.0]
+    points = np.stack([(columns - 4) / 8, (rows - 3) / 8, np.ones((6, 8))], axis=-1)
+    arrays = {
+        "world_points": np.stack([points] * views),
+        "world_points_conf": np.ones((views, 6, 8)),
+        "extrinsic": np.stack([np.eye(3, 4)] * views),
+        "intrinsic": np.stack([[[8.0, 0, 4], [0, 8, 3], [0, 0, 1]]] * views),
+        "images": np.stack([images] * views),
+    }
+    np.savez(file, **{name: array[None] if batch else array for name, array in arrays.items()})  # type: ignore[arg-type]
+    return file
+
+
+def test_images_in_another_unit_are_refused_and_all_whole_numbers_are_bytes(tmp_path: Path) -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (3, 6, 8))
+    for wrong in (picture.astype(float), picture + 1000, picture - 128):
+        with pytest.raises(FramesError, match=r"p\.npz: images of .* hold .* must be 0 to (1|255)"):
+            read_predictions(few(tmp_path / "p.npz", wrong))
+    for images in (picture, picture.astype(np.uint8), picture / 255.0):
+        frame = read_predictions(few(tmp_path / "p.npz", images)).read(1)
+        np.testing.assert_array_equal(frame.rgb, np.moveaxis(picture, 0, -1))
+
+
+@pytest.mark.parametrize(("views", "batch"), [(1, False), (1, True), (3, True)])
+def test_one_view_is_one_view_and_a_batch_of_one_is_none(tmp_path: Path, views: int, batch: bool) -> None:
+    read = read_predictions(few(tmp_path / "p.npz", np.zeros((3, 6, 8)), views, batch))
+    assert len(read) == views and read.read(0).depth.shape == (6, 8)
+
+
+def test_a_view_of_which_the_network_is_sure_of_nothing_is_left_out(taken: Shots, tmp_path: Path) -> None:
+    with np.load(written(taken, tmp_path / "p.npz")) as data:
+        arrays = dict(data)
+    arrays["world_points_conf"][2] = 0.0
+    np.savez(tmp_path / "p.npz", **arrays)  # type: ignore[arg-type]
+    read = read_predictions(tmp_path / "p.npz")
+    assert not read.read(2).depth.any()
+    _, _, factor = metric(read, EDGE, "predictions")
+    assert factor == pytest.approx(0.37, rel=0.01)
+    assert is_green(np.zeros((0, 3))).shape == (0,)

@@ -323,3 +323,26 @@ def test_nothing_behind_is_looked_through_where_masks_say_so() -> None:
     assert found.plane is None
     x, y, _ = np.ptp(found.vertices, axis=0)
     assert 0.049 < x < 0.064 and 0.039 < y < 0.055  # masks are grown by four pixels of 1.2 mm
+
+
+def low_dish() -> Shots:
+    """A cone 20 mm high before cameras that see all of its surface at more than 53° from its normal."""
+    return shots([trimesh.creation.cone(0.07, 0.02)], cameras(6, 0.01, 10, 16, distance=0.4))
+
+
+@pytest.mark.slow
+def test_a_dish_that_low_cameras_see_from_the_side_alone_is_built() -> None:
+    built = reconstruct(low_dish())
+    assert enclosed_volume(built.vertices, built.faces) == pytest.approx(np.pi * 0.07**2 * 0.02 / 3, rel=0.15)
+
+
+def test_views_that_show_the_object_from_the_side_alone_agree_all_the_same() -> None:
+    views = [make_view(frame.camera, frame.depth) for frame in low_dish().frames]
+    low, high = np.array([-0.07, -0.07, 0.0]), np.array([0.07, 0.07, 0.02])
+    found = align(views, low, high, np.array([0.0, 0.0, 1.0, 0.0]))
+    for view, told in zip(found.views, views, strict=True):
+        np.testing.assert_allclose(view.camera.p_WC, told.camera.p_WC, atol=1e-3)
+    elsewhere = align(views, low + 3.0, high + 3.0, None)  # where nothing is, they stay as they were told
+    for view, told in zip(elsewhere.views, views, strict=True):
+        np.testing.assert_array_equal(view.camera.p_WC, told.camera.p_WC)
+    assert not elsewhere.explained.any() and (np.linalg.eigvalsh(elsewhere.covariances) > 0).all()

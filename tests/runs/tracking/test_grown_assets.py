@@ -14,6 +14,8 @@ from tests.assets.building.pictured import Shots, shots
 from tests.runs.tracking.test_track_frames import body, folder_of, lines, track
 from twin_diagram.assets.library import check
 from twin_diagram.logs.frames import ViewCamera
+from twin_diagram.scenario import Slots
+from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals import rotations
 
 EDGES = (0.11, 0.05, 0.08)
@@ -107,3 +109,14 @@ def test_bad_frames_leave_nothing_behind(tmp_path: Path, capsys: pytest.CaptureF
     assert not (tmp_path / "grown").exists() and not (tmp_path / "out").exists()
     assert track(tmp_path / "none", frames, tmp_path / "out") == 2
     assert "no whole asset in this library" in capsys.readouterr().err
+
+
+def test_a_library_that_leaves_no_room_is_refused_before_a_frame_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = folder_of(pictures(np.array([0.0])), tmp_path / "frames")
+    library = models_dir() / "objects"
+    monkeypatch.setattr(Slots, "further", lambda slots, objects: 0)
+    assert track(library, frames, tmp_path / "out", "--grow", str(tmp_path / "grown")) == 2
+    assert "--grow" in (said := capsys.readouterr().err) and "no room for what grows" in said
+    assert not (tmp_path / "grown").exists() and not (tmp_path / "out").exists()

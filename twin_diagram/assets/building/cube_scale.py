@@ -65,6 +65,8 @@ class Cube:
 
 def is_green(rgb: Array) -> npt.NDArray[np.bool_]:
     """Return (…,), where colours (…, 3) in [0, 1] are green by hue, saturation and brightness."""
+    if not rgb.size:  # of a view without depth, which OpenCV would not take
+        return np.zeros(rgb.shape[:-1], dtype=bool)
     flat = np.ascontiguousarray(rgb.reshape(-1, 1, 3), dtype=np.float32)
     hue, saturation, value = np.moveaxis(cv2.cvtColor(flat, cv2.COLOR_RGB2HSV).reshape(*rgb.shape), -1, 0)
     low, high = TUNING.hue

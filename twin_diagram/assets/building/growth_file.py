@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import zipfile
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,20 @@ from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.runtime import atomic_file
+
+
+def free_name(library: Path, identity: int, taken: Container[str]) -> str:
+    """Return a name for the asset that a thing becomes, which neither `taken` nor the library has: `thing_N`.
+
+    Args:
+        library: folder of assets, which may be missing.
+        identity: of the thing; N is the first free number from it on.
+        taken: names of the assets that are in use.
+    """
+    number = identity
+    while (name := f"thing_{number}") in taken or (library / name).exists():
+        number += 1
+    return name
 
 
 def write_growth(path: Path, growth: Growth) -> None:
@@ -50,7 +66,7 @@ def read_growth(path: Path) -> Growth:
                 growth = Growth(
                     (*growth.frames, frame), (*growth.directions, data[f"direction{k}"]), (*growth.supports, support)
                 )
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise FramesError(f"{path}: no pictures of a thing: {error}") from None
     return growth
 

@@ -1,14 +1,15 @@
 """VGGT's `predictions.npz` as frames: depth along each pixel from its point and its camera, scaled by a cube.
 
 The file holds `world_points` (S, H, W, 3), `world_points_conf` (S, H, W), `extrinsic` (S, 3, 4) world-to-camera,
-`intrinsic` (S, 3, 3) and `images` (S, 3, H, W) or (S, H, W, 3), in [0, 1] or bytes; its unit is arbitrary. Pickles in
-it are never opened.
+`intrinsic` (S, 3, 3) and `images` (S, 3, H, W) or (S, H, W, 3), in [0, 1] or whole numbers up to 255; its unit is
+arbitrary. A batch's axis of length 1 may come before. Pickles in it are never opened.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -51,13 +52,17 @@ class Tuning:
     nearest: float = 0.02
     """Depth below which there is none, as a share of the median one: what a network leaves out may lie at its lens."""
 
+    bright: float = 0.5
+    """How far beyond [0, 1] images of real numbers may reach: resizing overshoots at edges by less than half; what is
+    in another unit, such as 0 to 255, by more."""
+
     rotation: float = 0.02
     """How far R Rᵀ of a predicted pose may be off the identity."""
 
 
 TUNING = Tuning()
-_NAMES = ("world_points", "world_points_conf", "extrinsic", "intrinsic", "images")
-"""What the file must hold."""
+_NAMES = {"world_points": 4, "world_points_conf": 3, "extrinsic": 3, "intrinsic": 3, "images": 4}
+"""What the file must hold, and how many axes each has."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +126,8 @@ def read_predictions(path: str | Path) -> PredictedFrames:
             missing = [name for name in _NAMES if name not in data.files]
             if missing:
                 raise FramesError(f"{path}: has no {missing[0]}")
-            points, sure, extrinsic, intrinsic, images = (np.squeeze(np.asarray(data[name])) for name in _NAMES)
+            told = (_without_ones(np.asarray(data[name]), due) for name, due in _NAMES.items())
+            points, sure, extrinsic, intrinsic, images = told
     except FramesError:
         raise
     except Exception as error:  # of zip files, of pickles, of headers
@@ -139,7 +145,7 @@ def read_predictions(path: str | Path) -> PredictedFrames:
     for name, array in zip(_NAMES, (points, sure, extrinsic, intrinsic, images), strict=True):
         if array.dtype.kind not in "fui" or not np.isfinite(array).all():
             raise FramesError(f"{path}: {name} holds values that are no finite numbers")
-    rgb = images if images.dtype == np.uint8 else np.round(255 * np.clip(images, 0, 1)).astype(np.uint8)
+    rgb = _bytes(path, images)
     depths = _depths(points, sure, extrinsic)
     frames = []
     for k, depth in enumerate(depths):
@@ -147,6 +153,26 @@ def read_predictions(path: str | Path) -> PredictedFrames:
         lens = _lens(camera, points[k].astype(float), depth)
         frames.append(RgbdFrame(k, float(k), rgb[k], depth, None, lens, lens))
     return PredictedFrames(tuple(frames))
+
+
+def _without_ones(array: npt.NDArray[Any], due: int) -> npt.NDArray[Any]:
+    """Return an array without axes of length 1 in front and behind, such as of a batch, beyond the `due` number."""
+    while array.ndim > due and array.shape[0] == 1:
+        array = array[0]
+    while array.ndim > due and array.shape[-1] == 1:
+        array = array[..., 0]
+    return array
+
+
+def _bytes(path: Path, images: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """Return images (S, H, W, 3) as bytes; refuse such as are neither whole numbers 0 to 255 nor within [0, 1]."""
+    low, high = float(images.min()), float(images.max())
+    whole = images.dtype.kind in "ui"
+    least, most = (0.0, 255.0) if whole else (-TUNING.bright, 1.0 + TUNING.bright)
+    if low < least or high > most:
+        due = "0 to 255" if whole else "0 to 1"
+        raise FramesError(f"{path}: images of {images.dtype} hold {low:g} to {high:g}, must be {due}")
+    return images.astype(np.uint8) if whole else np.round(255 * np.clip(images, 0, 1)).astype(np.uint8)
 
 
 def _depths(points: Array, sure: Array, extrinsic: Array) -> list[npt.NDArray[np.float32]]:

@@ -46,7 +46,11 @@ class Tuning:
     the others' steps, each towards the object, follow: walls of mugs came out 0.15 mm thinner."""
 
     flat_trusted: float = 0.15
-    """Least trust of a point of what surrounds it, which is flat: low views see a table from the side alone."""
+    """Least trust of a point of what surrounds it, which is flat: low views see a table from the side alone. …"""
+
+    fewest: int = 30
+    """… And of the object in a view that has fewer points of it that are `trusted`, five for each number of a pose: a
+    dish seen by low cameras shows nothing else."""
 
     turned: float = 0.012
     """Distance that a normal turned by 60° counts as, when the nearest cell is sought [m]."""
@@ -164,7 +168,7 @@ def align(
     seed: int = 0,
     prior_scale: float | None = None,
 ) -> AlignedViews:
-    """Return all views at poses that agree.
+    """Return all views at poses that agree; as they were told where none shows anything of the object.
 
     Args:
         views: as told.
@@ -183,6 +187,9 @@ def align(
     prior = _prior(prior_scale)
     twists, covariances = np.zeros((len(now), len(prior))), np.zeros((len(now), 6, 6))
     noise = TUNING.first_noise
+    if not any(len(sample.points) for sample in samples):
+        covariances += np.diag(1.0 / prior[:6])
+        return AlignedViews(now, plane, residuals, np.zeros(len(now)), noise, covariances, centre)
     for cell in TUNING.cells:
         if plane is not None:
             plane = _support(now, samples, plane, above)
@@ -218,8 +225,9 @@ class _Match:
 def _sample(view: DepthView, low: Array, high: Array, rng: np.random.Generator) -> Sample:
     points, normals, at = view_points(view, 1, TUNING.flat_trusted)
     near = ((points > low - 0.01) & (points < high + 0.01)).all(axis=1)
-    surely = view.trust[at[:, 0], at[:, 1]] > TUNING.trusted
-    chosen = [rng.permutation(np.flatnonzero(which))[: TUNING.points] for which in (near & surely, ~near)]
+    surely = near & (view.trust[at[:, 0], at[:, 1]] > TUNING.trusted)
+    own = surely if np.count_nonzero(surely) >= TUNING.fewest else near
+    chosen = [rng.permutation(np.flatnonzero(which))[: TUNING.points] for which in (own, ~near)]
     c = view.camera
     p_C, n_C = (points - c.p_WC) @ c.R_WC, normals @ c.R_WC
     return Sample(p_C[chosen[0]], n_C[chosen[0]], p_C[chosen[1]], n_C[chosen[1]])

@@ -77,12 +77,12 @@ class Tuning:
     sure: float = 0.85
     """Where less than this share of what fits in shape fits in colour …"""
 
+    tried: tuple[float, ...] = (-0.12, 0.12)
+    """… turns by these are tried, too [rad]: registration finds back from about that."""
+
     exact: float = 0.0015
     """Where depth is noisier [m], image points do not pull: a mug before a D435 was then held back from turning, while
     before an exact camera they halve the error of a box without texture."""
-
-    tried: tuple[float, ...] = (-0.12, 0.12)
-    """… turns by these are tried, too [rad]: registration finds back from about that."""
 
     shown: float = 0.3
     """Of what is shown to a smaller share, what stands cannot be told from what does not."""

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from twin_diagram.assets import Asset
 from twin_diagram.assets.building.from_mesh import AssetPlace
-from twin_diagram.assets.building.growth_file import write_partial
+from twin_diagram.assets.building.growth_file import free_name, write_partial
 from twin_diagram.errors import TwinError
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker
 
@@ -49,7 +49,7 @@ class GrownAssets:
         for identity, thing in sorted(self._tracker.growing.items()):
             if not thing.growth.ready or identity in self._failed:
                 continue
-            name = self._free_name(identity)
+            name = free_name(self._library, identity, self._assets)
             try:
                 grown = thing.growth.grown(AssetPlace(name, self._aside.name))
                 asset = Asset.load(grown.built.folder)
@@ -75,9 +75,3 @@ class GrownAssets:
             part = thing.growth.partial()
             write_partial(self._library / f"unknown_{identity}.partial.npz", part)
             self._say(f"an unknown thing stays partial, seen from {100 * part.seen:.0f} % of its sides")
-
-    def _free_name(self, identity: int) -> str:
-        number = identity
-        while (name := f"thing_{number}") in self._assets or (self._library / name).exists():
-            number += 1
-        return name

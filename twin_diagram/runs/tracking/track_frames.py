@@ -73,7 +73,7 @@ def track_frames(
     """
     _check_told(out, grow, seed)
     folder = FrameFolder(frames)
-    assets, numbers = _library(library, say, may_be_empty=grow is not None)
+    assets, numbers = _library(library, say, grow)
     told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
     tracker = ObjectTracker(assets, PERCEPTION, grows=grow is not None)
     grown = None if grow is None else GrownAssets(grow, tracker, assets, numbers, say)
@@ -132,10 +132,11 @@ def _write(out: Path, rows: list[list[str]], lines: list[str]) -> None:
     atomic_file.write(out / "objects.jsonl", "".join(line + "\n" for line in lines))
 
 
-def _library(
-    library: Path, say: Callable[[str], None], may_be_empty: bool = False
-) -> tuple[dict[str, Asset], dict[str, int]]:
-    """Return the whole assets by name, and their BOP numbers: `obj_id` in `asset.yaml`, else the place in it."""
+def _library(library: Path, say: Callable[[str], None], grow: Path | None) -> tuple[dict[str, Asset], dict[str, int]]:
+    """Return the whole assets by name, and their BOP numbers: `obj_id` in `asset.yaml`, else the place in it.
+
+    There may be none where some are to `grow`, for which there must be room.
+    """
     assets: dict[str, Asset] = {}
     numbers: dict[str, int] = {}
     for place, one in enumerate(entries(library), start=1):
@@ -144,8 +145,14 @@ def _library(
             continue
         assets[one.name] = one.asset
         numbers[one.name] = read_spec(one.asset.folder).obj_id or place
-    if not assets and not may_be_empty:
+    if not assets and grow is None:
         raise AssetError(f"{library}: no whole asset in this library")
+    slots = scenario.Slots()
+    if grow is not None and not slots.further(len(assets)):
+        raise AssetError(
+            f"--grow {grow}: no room for what grows: {slots.instances} objects are followed at most, and {library} "
+            f"holds {len(assets)}"
+        )
     if len(set(numbers.values())) < len(numbers):
         raise AssetError(f"{library}: two assets have one obj_id: {numbers}")
     return assets, numbers

@@ -18,10 +18,11 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context
 
-from twin_diagram.assets.building.growth_file import write_partial
-from twin_diagram.errors import TwinError
+from twin_diagram.assets.building.growth_file import free_name, write_partial
+from twin_diagram.errors import ScenarioError, TwinError
 from twin_diagram.perception.registration.view import View
 from twin_diagram.perception.things.growing import GrowingThing, grown_on, shown
+from twin_diagram.runtime.output_place import why_not
 from twin_diagram.scenario import Growing
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.signals.things import things_of
@@ -84,11 +85,14 @@ class Grower:
             waits: a simulation or a replay waits for an asset that is due; a real arm does not.
 
         Raises:
+            ScenarioError: `params.library` cannot be written to.
             TwinError: the twin has no eyes, or no slots for what grows.
         """
         twin.added.check()
-        self._temporary = TemporaryDirectory()
         place = Path(params.library).expanduser() if params.library else folder
+        if place is not None and (why := why_not(place, folder=True)) is not None:
+            raise ScenarioError("twin.growth.library", f"{place}: {why}")
+        self._temporary = TemporaryDirectory()
         self.library = Path(self._temporary.name) / "library" if place is None else place
         self.growing: dict[int, GrowingThing] = {}
         self.grown: dict[int, str] = {}
@@ -125,13 +129,20 @@ class Grower:
         return {"growth": {"library": str(self.library), "grown": grown, "partial": partial}}
 
     def close(self) -> None:
-        """End what runs, and write what stays partial into the library: what was seen of it, and nothing else."""
+        """End what runs, and write what stays partial into the library: what was seen of it, and nothing else.
+
+        Where the library cannot be written to any more, an event says so: a run does not lose its figures by that.
+        """
         if self._job is not None:
             self._job.process.stop()
             self._tell("growth_stopped", self._job.identity, why="the run ended before the reconstruction did")
             self._job = None
         for identity, one in sorted(self.growing.items()):
-            write_partial(self.library / f"unknown_{identity}.partial.npz", one.growth.partial())
+            try:
+                write_partial(self.library / f"unknown_{identity}.partial.npz", one.growth.partial())
+            except OSError as error:
+                why = f"what was seen of it could not be written: {' '.join(str(error).split())}"
+                self._tell("growth_failed", identity, why=why)
         self._temporary.cleanup()
 
     def __enter__(self) -> Grower:
@@ -166,11 +177,16 @@ class Grower:
             return  # a newer image has just come, which the next look takes in
         sight = self._twin.added.looked(self._twin.diagram, own)
         view = View(segments, sight.frame(segments), sight.params, sight.smallest)
-        self.growing = grown_on(self.growing, shown(things, segments, sight.known), view, self._params.things)
+        # What was given up is no longer followed, and takes no other thing's place.
+        given_up = {k: one for k, one in self.growing.items() if not self._may(k)}
+        followed = {k: one for k, one in self.growing.items() if self._may(k)}
+        after = grown_on(followed, shown(things, segments, sight.known), view, self._params.things)
+        self.growing = given_up | after
 
     def _start(self, identity: int) -> None:
         """Begin to build an asset of a thing."""
-        growth, name = self.growing[identity].growth, self._free_name(identity)
+        growth = self.growing[identity].growth
+        name = free_name(self.library, identity, {*self._twin.library, *self._twin.added.assets})
         self._jobs += 1
         folder = Path(self._temporary.name) / f"build_{self._jobs}"
         try:
@@ -180,14 +196,6 @@ class Grower:
             return
         self._job = _Job(identity, process, self._now)
         self._tell("growth_started", identity, asset=name, pictures=len(growth), seen=round(growth.seen, 3))
-
-    def _free_name(self, identity: int) -> str:
-        """Return a name that neither the twin nor the library has."""
-        taken = {*self._twin.library, *self._twin.added.assets}
-        number = identity
-        while (name := f"thing_{number}") in taken or (self.library / name).exists():
-            number += 1
-        return name
 
     def _look_after(self, own: Context, job: _Job) -> None:
         """Take the asset when it is due and there."""
