@@ -32,7 +32,7 @@ from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station.add_models import transform
 from twin_diagram.station.sim.camera_defects import CameraDefectsSystem, check_defects
 from twin_diagram.station.sim.camera_profiles import faults
-from twin_diagram.station.sim.camera_truth import true_camera
+from twin_diagram.station.sim.camera_truth import true_camera, with_camera
 from twin_diagram.station.sim.exposure_shutter import ExposureShutter
 from twin_diagram.station.sim.merged_shapes import TUNING as MERGED_SHAPES
 from twin_diagram.station.sim.real_camera import RealCamera
@@ -153,6 +153,13 @@ class Shutter(LeafSystem):
         output[0] = context.get_discrete_state_vector().value()[-1]
 
 
+def add_cameras(
+    builder: DiagramBuilder, scenario: Scenario, world: WorldPlant
+) -> dict[str, CameraDefectsSystem | RealCamera]:
+    """Add the cameras that the twin looks through, by name: see `add_camera`. The others take pictures on demand."""
+    return {name: add_camera(builder, with_camera(scenario, name), world) for name in scenario.twin.perceiving}
+
+
 def add_camera(builder: DiagramBuilder, scenario: Scenario, world: WorldPlant) -> CameraDefectsSystem | RealCamera:
     """Add the scenario's camera, which looks at the world.
 
@@ -215,7 +222,8 @@ def _add_ideal_camera(
 ) -> CameraDefectsSystem:
     """Add a camera whose depth is that of its colours, in time and place."""
     X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
-    poses, scene_graph = build_appearance(builder, scenario)
+    beside = builder.HasSubsystemNamed("appearance")
+    poses, scene_graph = build_appearance(builder, scenario, f"{camera.name}_appearance" if beside else "appearance")
     scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(render_params()))
     start = plant.GetPositions(plant.CreateDefaultContext())
     shutter = builder.AddNamedSystem(f"{camera.name}_shutter", Shutter(start, camera.rate, camera.latency))
