@@ -204,7 +204,7 @@ def write_csv(path: Path, **changes) -> Path:  # type: ignore[no-untyped-def]
 def test_a_bare_log_is_played_from_its_first_sample(tmp_path: Path) -> None:
     plan = replaying(write_csv(tmp_path / "log.csv"))
     station = make_station(plan)
-    ports.check(station, 7, 2, "camera")
+    ports.check(station, 7, 2, ("camera",))
     context = station.CreateDefaultContext()
     log = read_log(tmp_path / "log.csv")
 

@@ -40,7 +40,7 @@ class TrueCamera:
 
 
 def with_camera(scenario: Scenario, name: str) -> Scenario:
-    """Return a scenario whose one camera is the one of a name, as it really is; the scenario itself for ``twin.camera``.
+    """Return a scenario whose one camera is that of a name, as it really is; the scenario itself for ``twin.camera``.
 
     Each camera's errors and noise are drawn from a seed of its own.
 
