@@ -79,6 +79,7 @@ def track_frames(
     grown = None if grow is None else GrownAssets(grow, tracker, assets, numbers, say)
     rows: list[list[str]] = []
     lines: list[str] = []
+    seen_by: dict[int, ViewCamera] = {}
     base: TableFrame | None = None
     noise, doubt = DepthSigma(), CalibrationError()
     for index in range(len(folder)):
@@ -97,7 +98,8 @@ def track_frames(
         rgb = frame.rgb if frame.rgb is not None else np.full((*depth.shape, 3), 128, dtype=np.uint8)
         found = tracker.observe(segment(rgb, depth, frame.time, grid, PERCEPTION))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
-        lines.append(json.dumps(_line(frame, found, assets, base, doubt)))
+        seen_by |= {one.track: frame.colour for one in found if one.found}
+        lines.append(json.dumps(_line(frame, found, assets, base, doubt, seen_by)))
         if grown is not None:
             grown.poll(frame.number)
         if (index + 1) % 50 == 0:
@@ -242,13 +244,18 @@ def _hypothesis(one: PoseHypothesis, base: TableFrame, probability: float) -> di
 
 
 def _line(
-    frame: RgbdFrame, found: list[TrackedObject], assets: Mapping[str, Asset], base: TableFrame, doubt: CalibrationError
+    frame: RgbdFrame,
+    found: list[TrackedObject],
+    assets: Mapping[str, Asset],
+    base: TableFrame,
+    doubt: CalibrationError,
+    seen_by: Mapping[int, ViewCamera],
 ) -> dict[str, Any]:
-    """Return a frame's line of `objects.jsonl`; the camera's doubtful calibration is in all covariances."""
+    """Return a frame's line of `objects.jsonl`; in each covariance is the doubt of the camera that saw it last."""
     turn = np.kron(np.eye(2), base.R_WT)
     objects = []
-    camera = frame.colour
     for one in found:
+        camera = seen_by.get(one.track, frame.colour)
         R, p = base.R_WT @ one.R, base.R_WT @ one.p + base.p_WT
         p_C = ((p - camera.p_WC) @ camera.R_WC)[None]
         shared = shared_covariances(doubt, p_C, camera.R_WC, camera.fx, camera.fy)[0]
