@@ -234,6 +234,29 @@ def test_a_doubtful_pose_gives_way_to_its_challenger_one_in_an_image(monkeypatch
     assert after[1].attempts == 3 and after[1].next_search > 1.1, "the next challenge waits"
 
 
+@pytest.mark.parametrize(("lost", "whose"), [(0.45, 1), (2.0, 0)])
+def test_a_challenger_where_an_alike_was_lost_is_that_one(
+    monkeypatch: pytest.MonkeyPatch, lost: float, whose: int
+) -> None:
+    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments, shift: "frame"))
+    monkeypatch.setattr(tracking, "follow_known", lambda *_: {0: pose(P, shape=0.95, quality=0.5)})
+    monkeypatch.setattr(tracking, "unexplained_by", lambda library, found, segments: np.zeros(40, dtype=bool))
+    monkeypatch.setattr(tracking, "regain_lost", lambda *_: {})
+    monkeypatch.setattr(tracking, "challenger", lambda *_: pose(P + 0.5))
+    slots = [slot(p=P), slot(p=P + lost, seen=0.2, next_search=9.0)]
+    image: Any = SimpleNamespace(time=1.1, labels=np.zeros(40))
+    after, results, _ = tracking.step([KNOWN] * 2, slots, image, PARAMS, 99)
+    np.testing.assert_allclose(after[whose].p, P + 0.5)
+    np.testing.assert_allclose(after[1 - whose].p, slots[1 - whose].p)
+    assert results[whose].quality == 0.9
+
+
+@pytest.mark.parametrize(("after", "near"), [(0.067, 0.08), (0.2, 0.24), (0.4, None)])
+def test_how_far_what_is_carried_can_have_got_grows_with_time(after: float, near: float | None) -> None:
+    known = tracking.aloft(slot((0.0,) * 5 + (0.3,), seen=1.0), 1.0 + after)
+    assert known.near == (None if near is None else pytest.approx(near, rel=0.01))
+
+
 def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 

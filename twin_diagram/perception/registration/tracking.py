@@ -12,7 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
-from twin_diagram.perception.registration.recognition import looks_like_itself, recognise
+from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, measurement, postponed, seen
@@ -54,6 +54,9 @@ class Tuning:
     carried: float = 5.0
     """What was lost while it moved is looked for in the air for so long [s]."""
 
+    fastest: float = 1.2
+    """What is carried goes no faster [m/s]: `where_expected`'s largest step at 15 Hz."""
+
     slipped: float = 0.06
     """An object that was lost just now is looked for among points this far beyond its own radius [m]."""
 
@@ -91,7 +94,7 @@ def step(
     if len(tracked) < len(library):
         free = unexplained_by(library, tracked, segments)
         tracked |= regain_lost(library, slots, tracked, view, free)
-        searched = [k for k, slot in enumerate(slots) if k not in tracked and time >= slot.next_search]
+        searched = [k for k, slot in enumerate(slots) if k not in tracked and due(slot, time)]
         if int(free.sum()) < smallest:
             searched = []
         recognised = search_for(library, slots, searched, view, free)
@@ -99,18 +102,18 @@ def step(
     for k in challenged[:1]:
         other = challenger(library[k], slots[k], tracked[k], view, unexplained_by(library, tracked, segments))
         if other is not None:
-            recognised[k] = other
-            searched = [*searched, k]
-            del tracked[k]
+            whose = _nearest_alike(k, other, library, slots, tracked)
+            recognised[whose] = other
+            searched = [*(j for j in searched if j != whose), whose]
+            tracked.pop(whose, None)
 
     after = list(slots)
     for k in searched:
-        # How fast it is, a search cannot say.
-        after[k] = (
-            seen(Slot(alike=slots[k].alike), recognised[k], time)
-            if k in recognised
-            else postponed(slots[k], time, params)
-        )
+        # How fast it is, a search cannot say, but where it was a moment ago does.
+        one = recognised.get(k)
+        went_on = one is not None and _near(aloft(slots[k], time), one)
+        before = slots[k] if went_on else Slot(alike=slots[k].alike)
+        after[k] = seen(before, one, time) if one is not None else postponed(slots[k], time, params)
     for k, pose in tracked.items():
         after[k] = seen(slots[k], pose, time)
         if doubtful(pose, slots[k].alike):
@@ -192,7 +195,7 @@ def search_for(
         free,
         view.params,
         view.smallest,
-        {k: (slots[k].R, slots[k].alike) for k in wanted if carried(slots[k], time) and slots[k].attempts % 3 == 0},
+        {k: aloft(slots[k], time) for k in wanted if in_the_air(slots[k], time)},
     )
     return {
         k: unmistaken(library[k], view, one.registration)
@@ -211,12 +214,46 @@ def carried(slot: Slot, time: float) -> bool:
     return slot.known and bool(np.any(slot.velocity)) and time - slot.seen < TUNING.carried
 
 
+def just_lost(slot: Slot, time: float) -> bool:
+    """Return whether an object is lost that was carried in one of the last images."""
+    return carried(slot, time) and time - slot.seen <= SLOTS.coast
+
+
+def due(slot: Slot, time: float) -> bool:
+    """Return whether an object that is lost is searched for in this image: in each while it cannot be far off."""
+    return time >= slot.next_search or just_lost(slot, time)
+
+
+def in_the_air(slot: Slot, time: float) -> bool:
+    """Return whether this search of an object that is lost looks in the air; every third looks where it may stand."""
+    return carried(slot, time) and (just_lost(slot, time) or slot.attempts % 3 != 2)
+
+
+def aloft(slot: Slot, time: float) -> Aloft:
+    """Return what is known of an object that is looked for in the air."""
+    near = max(EXPECTED.largest_step[1], TUNING.fastest * (time - slot.seen)) if just_lost(slot, time) else None
+    return Aloft(slot.R, slot.p, slot.alike, near)
+
+
+def _nearest_alike(
+    k: int, one: RegisteredPose, library: Sequence[Known], slots: Sequence[Slot], found: Mapping[int, RegisteredPose]
+) -> int:
+    """Return which of those that look like object k a pose is: k, or a lost one that was nearer to it."""
+    alikes = [j for j, other in enumerate(library) if other is library[k] and j not in found and slots[j].known]
+    return min([k, *alikes], key=lambda j: (float(np.linalg.norm(slots[j].p - one.p)), j != k))
+
+
+def _near(known: Aloft, one: RegisteredPose) -> bool:
+    """Return whether an object that was carried is found where it can have got to."""
+    return known.near is not None and float(np.linalg.norm(one.p - known.p)) <= known.near
+
+
 def orientations(known: Known, slot: Slot, time: float) -> list[tuple[Array, float]]:
     """Return how an object may lie where it is searched for: things mostly stand, every other time they lie."""
-    turns = [known.upright, known.fallen]
-    if carried(slot, time):
-        turns = [[], *turns]
-    return turns[slot.attempts % len(turns)]
+    if in_the_air(slot, time):
+        return []
+    standing = slot.attempts // 3 if carried(slot, time) else slot.attempts
+    return (known.upright, known.fallen)[standing % 2]
 
 
 def doubtful(one: RegisteredPose, usual: float) -> bool:
@@ -251,8 +288,8 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     label = label_of(segments, own)
     mask = free.copy()
     mask[own] = True
-    ways = {0: (known.upright, known.fallen)[slot.attempts % 2]}
-    floating = {0: (slot.R, slot.alike)} if slot.attempts % 3 == 2 and carried(slot, time) else None
+    ways = {0: orientations(known, slot, time)}
+    floating = {0: aloft(slot, time)} if in_the_air(slot, time) else None
     found = recognise({0: known.model}, ways, segments, view.frame, mask, view.params, view.smallest, floating).get(0)
     points = segments.points_W[segments.labels == label]
     if found is None or found.likeness < one.likeness * judged(known.model, points, one) + TUNING.better:
