@@ -77,7 +77,7 @@ class Tuning:
     """Odds as long need no further rivals registered [nat]: two images told, and each rival costs a registration."""
 
     most_of_one: float = 3.5
-    """No image makes odds longer by more [nat], 0.97: the first one after a search may show a pose that is still off."""
+    """No image makes odds longer by more [nat], 0.97: the first after a search may show a pose that is still off."""
 
     back: float = 0.25
     """Share of what an image says against a pose by which its odds fall."""
