@@ -28,7 +28,7 @@ from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
 from twin_diagram.perception.registration.turned_alike import after_image as odds_after
 from twin_diagram.perception.registration.turned_alike import probability, weighed
 from twin_diagram.perception.registration.view import Known, View
-from twin_diagram.perception.registration.where_expected import register_where_expected, stands_out, unmistaken
+from twin_diagram.perception.registration.where_expected import floats, register_where_expected, stands_out, unmistaken
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.scenario.resources import models_dir
 
@@ -179,6 +179,9 @@ def test_in_the_air_an_object_must_end_where_what_is_seen_ends(box: Known) -> No
     lifted = replace(standing(box), p=standing(box).p + height)
     view = seen([lifted])
     assert stands_out(box, view, at(lifted, view, box), 0.75)
+    assert floats(box, view, at(lifted, view, box))
+    on_table = seen([standing(box)])
+    assert not floats(box, on_table, at(standing(box), on_table, box))
     asset = box.model.asset
     size = asset.size * [1.0, 4.0, 1.6]
     corners = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).T.reshape(-1, 3) * size
@@ -224,6 +227,7 @@ def test_what_was_lost_while_it_moved_is_looked_for_in_the_air_first(box: Known)
     moving = Slot(True, np.eye(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0]), 1.0)
     assert carried(moving, 5.9) and not carried(moving, 6.1)
     assert not carried(replace(moving, velocity=np.zeros(6)), 2.0)
+    assert carried(replace(moving, velocity=np.zeros(6), aloft=True), 2.0), "held still"
     lying = [box.upright, box.fallen]
     in_turn = [[], [], box.upright, [], [], box.fallen]
     for attempts in range(6):

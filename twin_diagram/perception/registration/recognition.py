@@ -25,13 +25,19 @@ class Aloft:
     Attributes:
         R, p: (3, 3), (3,) X_WO when it was seen last [m].
         usual: how much it looked like itself; 0: not known.
-        near: how far from there it can be [m], where that is known: a search that has no doubt of it accepts less.
+        near: how far from there it can be by now [m].
+        just_lost: it was there a moment ago: then less is accepted.
     """
 
     R: Array
     p: Array
     usual: float
-    near: float | None = None
+    near: float
+    just_lost: bool = False
+
+    def may_be(self, one: RegisteredPose) -> bool:
+        """Return whether a pose can be where it has got to, and looks like it."""
+        return float(np.linalg.norm(one.p - self.p)) <= self.near and looks_like_itself(one, self.usual)
 
 
 @dataclass(frozen=True)
@@ -46,7 +52,10 @@ class Tuning:
 
     aloft: float = 0.6
     """What looks less like itself than others do, before this camera and in this light, is accepted with a score as
-    much lower where it was a moment ago, down to this share: half hidden cups before a D435 had 0.55."""
+    much lower where it was a moment ago, down to this share: half hidden cups before a D435 had 0.55 …"""
+
+    alone: float = 0.8
+    """… if so much of it is to be seen and what is seen there is its own: of a can on a forearm it is 0.55."""
 
     coloured: float = 0.6
     """What looks like itself to a smaller share of what is usual is another thing: where 0.7 to 0.8 of what fits in
@@ -121,8 +130,7 @@ def recognise(
             points = segments.points_W[members[s]]
             if floating is not None and k in floating:
                 result = afloat(model, frame, points, floating[k].R, params)
-                alike_enough = result is not None and looks_like_itself(result.registration, floating[k].usual)
-                result = result if alike_enough else None
+                result = result if result is not None and floating[k].may_be(result.registration) else None
             else:
                 result = search(model, frame, points, list(orientations.get(k, ())), params)
             if result is None:
@@ -147,8 +155,8 @@ def recognise(
 
 
 def _discount(known: Aloft, found: Found) -> float:
-    """Return by which share less is accepted of what usually looks as much less like itself, and is where it was."""
-    if known.near is None or known.usual <= 0.0 or np.linalg.norm(found.registration.p - known.p) > known.near:
+    """Return by which share less is accepted of what usually looks as much less like itself, and was there just now."""
+    if not known.just_lost or known.usual <= 0.0 or found.score < TUNING.alone * found.registration.quality:
         return 1.0
     return float(np.clip(known.usual / TUNING.usual, TUNING.aloft, 1.0))
 

@@ -14,8 +14,8 @@ from twin_diagram.perception.registration.rotation import exp, from_quaternion, 
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
 
-SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1
-"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds."""
+SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1 + 1
+"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds, aloft."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,7 @@ class Slot:
         attempts: searches since it was last seen.
         alike: how much it looks like itself before this camera, in this light, of what fits in shape; 0: not known.
         odds: logarithm of the odds that it is not one of its turns that leave the shape alike; see `turned_alike`.
+        aloft: it was in the air when it was seen last, be it at rest: something holds it.
     """
 
     known: bool = False
@@ -79,10 +80,11 @@ class Slot:
     attempts: int = 0
     alike: float = 0.0
     odds: float = 0.0
+    aloft: bool = False
 
     def pack(self) -> Array:
         """Return the slot as a vector (SLOT_SIZE,)."""
-        tail = [self.seen, self.next_search, float(self.attempts), self.alike, self.odds]
+        tail = [self.seen, self.next_search, float(self.attempts), self.alike, self.odds, float(self.aloft)]
         return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail])
 
     @staticmethod
@@ -98,6 +100,7 @@ class Slot:
             attempts=int(vector[16]),
             alike=float(vector[17]),
             odds=float(vector[18]),
+            aloft=bool(vector[19] > 0.5),
         )
 
 

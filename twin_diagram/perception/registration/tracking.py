@@ -20,6 +20,7 @@ from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.registration.where_expected import (
     believable,
+    floats,
     register_where_expected,
     stands_out,
     unmistaken,
@@ -111,11 +112,11 @@ def step(
     for k in searched:
         # How fast it is, a search cannot say, but where it was a moment ago does.
         one = recognised.get(k)
-        went_on = one is not None and _near(aloft(slots[k], time), one)
+        went_on = one is not None and just_lost(slots[k], time) and aloft(slots[k], time).may_be(one)
         before = slots[k] if went_on else Slot(alike=slots[k].alike)
-        after[k] = seen(before, one, time) if one is not None else postponed(slots[k], time, params)
+        after[k] = postponed(slots[k], time, params) if one is None else _seen(library[k], before, one, view)
     for k, pose in tracked.items():
-        after[k] = seen(slots[k], pose, time)
+        after[k] = _seen(library[k], slots[k], pose, view)
         if doubtful(pose, slots[k].alike):
             was = postponed(slots[k], time, params) if k in challenged[:1] else slots[k]
             after[k] = replace(after[k], next_search=was.next_search, attempts=was.attempts)
@@ -124,6 +125,10 @@ def step(
     # Depth of what moves may be late, which lays its colours aside by more.
     rests = [pose.evidence for k, pose in tracked.items() if not np.any(slots[k].velocity)]
     return after, measured, learnt(shift, [one for one in rests if one is not None])
+
+
+def _seen(known: Known, before: Slot, one: RegisteredPose, view: View) -> Slot:
+    return replace(seen(before, one, view.segments.time), aloft=floats(known, view, one))
 
 
 def follow_known(library: Sequence[Known], slots: Sequence[Slot], view: View) -> dict[int, RegisteredPose]:
@@ -210,8 +215,8 @@ def _convincing(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bo
 
 
 def carried(slot: Slot, time: float) -> bool:
-    """Return whether an object that is lost was moving, and may be in the air."""
-    return slot.known and bool(np.any(slot.velocity)) and time - slot.seen < TUNING.carried
+    """Return whether an object that is lost was moving or held, and may be in the air."""
+    return slot.known and (slot.aloft or bool(np.any(slot.velocity))) and time - slot.seen < TUNING.carried
 
 
 def just_lost(slot: Slot, time: float) -> bool:
@@ -231,8 +236,8 @@ def in_the_air(slot: Slot, time: float) -> bool:
 
 def aloft(slot: Slot, time: float) -> Aloft:
     """Return what is known of an object that is looked for in the air."""
-    near = max(EXPECTED.largest_step[1], TUNING.fastest * (time - slot.seen)) if just_lost(slot, time) else None
-    return Aloft(slot.R, slot.p, slot.alike, near)
+    near = max(EXPECTED.largest_step[1], TUNING.fastest * (time - slot.seen))
+    return Aloft(slot.R, slot.p, slot.alike, near, just_lost(slot, time))
 
 
 def _nearest_alike(
@@ -241,11 +246,6 @@ def _nearest_alike(
     """Return which of those that look like object k a pose is: k, or a lost one that was nearer to it."""
     alikes = [j for j, other in enumerate(library) if other is library[k] and j not in found and slots[j].known]
     return min([k, *alikes], key=lambda j: (float(np.linalg.norm(slots[j].p - one.p)), j != k))
-
-
-def _near(known: Aloft, one: RegisteredPose) -> bool:
-    """Return whether an object that was carried is found where it can have got to."""
-    return known.near is not None and float(np.linalg.norm(one.p - known.p)) <= known.near
 
 
 def orientations(known: Known, slot: Slot, time: float) -> list[tuple[Array, float]]:

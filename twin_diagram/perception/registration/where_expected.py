@@ -173,10 +173,8 @@ def stands_out(known: Known, view: View, one: RegisteredPose, usual: float) -> b
 
     In the air, a box's side fits anywhere on a forearm.
     """
-    table, segments = view.frame.table, view.segments
-    at = known.model.points @ one.R.T + one.p
-    above = float((at[:, 2] - at[:, :2] @ table[:2]).min() - table[2])
-    if above < TUNING.floats or one.visible_share < TUNING.half:
+    segments = view.segments
+    if not floats(known, view, one) or one.visible_share < TUNING.half:
         return True
     if not looks_like_itself(one, usual):
         return False
@@ -187,6 +185,13 @@ def stands_out(known: Known, view: View, one: RegisteredPose, usual: float) -> b
     label = label_of(segments, own)
     mine = np.count_nonzero(segments.labels[own] == label)
     return bool(mine >= TUNING.alone * np.count_nonzero(segments.labels[near] == label))
+
+
+def floats(known: Known, view: View, one: RegisteredPose) -> bool:
+    """Return whether an object is in the air."""
+    table = view.frame.table
+    at = known.model.points @ one.R.T + one.p
+    return float((at[:, 2] - at[:, :2] @ table[:2]).min() - table[2]) >= TUNING.floats
 
 
 def believable(result: RegisteredPose, params: scenario.Registration, R: Array, p: Array) -> bool:
