@@ -229,7 +229,7 @@ def test_what_was_lost_while_it_moved_is_looked_for_in_the_air_first(box: Known)
     assert not carried(replace(moving, velocity=np.zeros(6)), 2.0)
     assert carried(replace(moving, velocity=np.zeros(6), aloft=True), 2.0), "held still"
     lying = [box.upright, box.fallen]
-    in_turn = [[], [], box.upright, [], [], box.fallen]
+    in_turn = [[], *lying, [], *lying]
     for attempts in range(6):
         assert orientations(box, replace(moving, attempts=attempts), 2.0) == in_turn[attempts]
         assert orientations(box, replace(moving, attempts=attempts), 1.2) == [], "it was there a moment ago"

@@ -114,7 +114,10 @@ def step(
         one = recognised.get(k)
         went_on = one is not None and just_lost(slots[k], time) and aloft(slots[k], time).may_be(one)
         before = slots[k] if went_on else Slot(alike=slots[k].alike)
-        after[k] = postponed(slots[k], time, params) if one is None else _seen(library[k], before, one, view)
+        if one is not None:
+            after[k] = _seen(library[k], before, one, view)
+        elif k in challenged or not just_lost(slots[k], time):
+            after[k] = postponed(slots[k], time, params)
     for k, pose in tracked.items():
         after[k] = _seen(library[k], slots[k], pose, view)
         if doubtful(pose, slots[k].alike):
@@ -230,8 +233,8 @@ def due(slot: Slot, time: float) -> bool:
 
 
 def in_the_air(slot: Slot, time: float) -> bool:
-    """Return whether this search of an object that is lost looks in the air; every third looks where it may stand."""
-    return carried(slot, time) and (just_lost(slot, time) or slot.attempts % 3 != 2)
+    """Return whether this search of an object that is lost looks in the air: all at once, every third later."""
+    return carried(slot, time) and (just_lost(slot, time) or slot.attempts % 3 == 0)
 
 
 def aloft(slot: Slot, time: float) -> Aloft:
@@ -252,8 +255,8 @@ def orientations(known: Known, slot: Slot, time: float) -> list[tuple[Array, flo
     """Return how an object may lie where it is searched for: things mostly stand, every other time they lie."""
     if in_the_air(slot, time):
         return []
-    standing = slot.attempts // 3 if carried(slot, time) else slot.attempts
-    return (known.upright, known.fallen)[standing % 2]
+    standing = slot.attempts % 3 - 1 if carried(slot, time) else slot.attempts % 2
+    return (known.upright, known.fallen)[standing]
 
 
 def doubtful(one: RegisteredPose, usual: float) -> bool:
