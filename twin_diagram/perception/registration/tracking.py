@@ -214,7 +214,7 @@ def search_for(
 
 def _convincing(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
     """Return whether a search is believed: what was seen before must look like itself, not only be of its shape."""
-    return stands_out(known, view, one, slot.alike) and looks_like_itself(one, slot.alike)
+    return stands_out(known, view, one, slot.alike, anew=True) and looks_like_itself(one, slot.alike)
 
 
 def carried(slot: Slot, time: float) -> bool:
@@ -313,4 +313,4 @@ def register_around(known: Known, slot: Slot, view: View, free: Mask) -> Registe
     )
     if found is None or not believable(found.registration, view.params, slot.R, slot.p):
         return None
-    return found.registration if stands_out(known, view, found.registration, slot.alike) else None
+    return found.registration if stands_out(known, view, found.registration, slot.alike, anew=True) else None
