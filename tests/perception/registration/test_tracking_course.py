@@ -56,7 +56,7 @@ class Image:
         monkeypatch.setattr(tracking, "nearby", self.nearby)
         monkeypatch.setattr(where_expected, "assess", self.assess)
         for module in (tracking, where_expected):
-            monkeypatch.setattr(module, "stands_out", lambda *one: True)
+            monkeypatch.setattr(module, "stands_out", lambda *one, **anew: True)
         self.ahead = 20.0
 
     def assess(self, cloud: Any, image: Any, poses: Any, count: int, level: int, slack: float) -> Any:
