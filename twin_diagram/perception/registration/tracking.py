@@ -313,4 +313,4 @@ def register_around(known: Known, slot: Slot, view: View, free: Mask) -> Registe
     )
     if found is None or not believable(found.registration, view.params, slot.R, slot.p):
         return None
-    return found.registration if stands_out(known, view, found.registration, slot.alike, anew=True) else None
+    return found.registration if _convincing(known, slot, view, found.registration) else None
