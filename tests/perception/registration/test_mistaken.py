@@ -284,4 +284,5 @@ def test_how_much_an_object_looks_like_itself_is_learnt_while_it_is_seen() -> No
     later = after_image(first, replace(one, likeness=0.4), 1.1)
     assert later.alike == pytest.approx(0.9 * 0.75 + 0.1 * 0.5)
     assert after_image(first, replace(one, likeness=0.1, visible_share=0.3), 1.1).alike == first.alike
+    assert after_image(first, replace(one, likeness=0.3), 1.1).alike == first.alike, "another thing, not another light"
     assert Slot.unpack(later.pack()).alike == later.alike

@@ -44,6 +44,9 @@ class Tuning:
     learns: float = 0.1
     """Share of the newest image in how much an object looks like itself."""
 
+    itself: float = 0.6
+    """What looks like itself to less than this share of that is not learnt from: `recognition`'s."""
+
     open: float = 0.4
     """Share of an object that is seen where that is learnt."""
 
@@ -129,10 +132,15 @@ def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
 
 
 def _alike(before: float, result: RegisteredPose) -> float:
-    """Return how much an object looks like itself, from image to image; half hidden it says nothing of that."""
+    """Return how much an object looks like itself, from image to image; half hidden it says nothing of that.
+
+    What suddenly looks far less like itself is another thing that it lies on, or a hand before it.
+    """
     if result.shape <= 0.0 or result.visible_share < TUNING.open:
         return before
     newest = result.likeness / result.shape
+    if newest < TUNING.itself * before:
+        return before
     return newest if before == 0.0 else (1.0 - TUNING.learns) * before + TUNING.learns * newest
 
 
