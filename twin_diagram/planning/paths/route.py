@@ -256,12 +256,17 @@ class Router:
         coarse = now.allowed(now.margins(now.goal_of(route)), self.tuning.blocked)
         return self.first_blocked(now, points, coarse) is None
 
+    def wanted_at(self, now: Situation) -> Array:
+        """Return the margins (G, B + 1) that must be kept at each of the goals, for a way to lead there [m]."""
+        rows = [now.allowed(now.margins(g, self.tuning.spare)) for g in range(len(now.goals))]
+        return np.array(rows).reshape(-1, len(now.here))
+
     def _free_goals(self, now: Situation) -> tuple[Ints, Array]:
         """Return which goals are free, the nearest first, and the margins (G, B + 1) that are wanted at each."""
         count = len(now.goals)
         if not count:
             return np.zeros(0, dtype=int), np.zeros((0, len(now.here)))
-        wanted = np.stack([now.allowed(now.margins(g, self.tuning.spare)) for g in range(count)])
+        wanted = self.wanted_at(now)
         free = np.flatnonzero(self.ends_free(now, now.goals, wanted))
         far = (np.abs(now.goals[free] - now.q) / self.speed).max(axis=1)
         tight = 1.0 - now.at_goals[free, :-1].min(axis=1, initial=now.clearance) / now.clearance
