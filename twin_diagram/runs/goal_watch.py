@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
 from pydrake.systems.framework import Context
 
 from twin_diagram.planning.paths.no_way import Hindrance, HindranceKind
@@ -55,7 +56,7 @@ class GoalWatch:
         own, now = self._twin.diagram.GetSubsystemContext(mpc, twin), context.get_time()
         memory = mpc.memory(own)
         if not memory.stuck:
-            there = memory.route.to_goal
+            there = memory.route.to_goal and bool(np.any(memory.goal))
             if self._since is not None and (not there or now - self._last >= TUNING.over):
                 self._end(there)
             return
