@@ -92,6 +92,30 @@ def test_samples_stay_within_a_turn_and_the_limits() -> None:
     np.testing.assert_allclose(router._upper, [2.9, 2.5])
 
 
+class Lifting(Router):
+    """Lifts along joint 2."""
+
+    def lifted(self, q: Array, height: float) -> Array:
+        return np.asarray(q + [0.0, height])
+
+
+def test_a_way_over_goes_straight_up_where_the_start_is_narrow() -> None:
+    """Close to a wall the way to a lifted middle runs into it; from farther off it does not."""
+    _, scene = world(Wall(top=0.5))
+    router = Lifting(scene, SPEED, RouteTuning(over=1, lifts=(0.3, 0.8), resolution=0.02))
+    for start, way in (
+        ([0.9, 0.0], [[0.9, 0.8], [1.45, 0.8], [2.0, 0.0]]),
+        ([0.1, 0.1], [[1.05, 0.85], [2.0, 0.0]]),
+    ):
+        now = situation(start, [[2.0, 0.0]])
+        free, wanted = router._free_goals(now)
+        found = router._over(now, free, wanted)
+        assert found is not None
+        np.testing.assert_allclose(found, way)
+        assert router.first_blocked(now, found, wanted[0]) is None
+        np.testing.assert_allclose(router.search(now, np.random.default_rng(0)), way)
+
+
 def test_the_first_blocked_moment_is_when_a_margin_is_lost() -> None:
     router, _ = world(Wall(), resolution=0.01)
     now = situation([0.0, 0.0], [[2.0, 0.0]])

@@ -288,13 +288,19 @@ class Router:
         return min(ways, key=lambda way: self.travel(now.q, Route(Aim.GOAL, way)).duration, default=None)
 
     def _over(self, now: Situation, free: Ints, wanted: Array) -> Array | None:
-        """Return a way (2, n) to one of the nearest free goals that lifts the tool, no more than need be; else None."""
-        for height in self.tuning.lifts:
-            for g in free[: self.tuning.over]:
-                middle = self.lifted(0.5 * (now.q + now.goals[g]), height)
-                way = np.stack([middle, now.goals[g]])
-                if self.first_blocked(now, way, wanted[g]) is None:
-                    return way
+        """Return a way to one of the nearest free goals that lifts the tool, no more than need be; else None.
+
+        (2, n), over a middle; where none is free, (3, n), straight up at first, to the nearest alone: a hand that turns
+        between things that stand close to it would come nearer to them.
+        """
+        goals = free[: self.tuning.over]
+        for rises in (False, True) if len(goals) else ():
+            for height in self.tuning.lifts:
+                up = [self.lifted(now.q, height)] if rises else []
+                for g in goals[:1] if rises else goals:
+                    way = np.stack([*up, self.lifted(0.5 * (now.q + now.goals[g]), height), now.goals[g]])
+                    if self.first_blocked(now, way, wanted[g]) is None:
+                        return way
         return None
 
     def lifted(self, q: Array, height: float) -> Array:
