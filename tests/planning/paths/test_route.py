@@ -99,15 +99,16 @@ class Lifting(Router):
         return np.asarray(q + [0.0, height])
 
 
-def test_a_way_over_goes_straight_up_where_the_start_is_narrow() -> None:
-    """Close to a wall the way to a lifted middle runs into it; from farther off it does not."""
+def test_a_way_over_goes_straight_up_and_down_where_its_ends_are_narrow() -> None:
+    """Close to a wall the way to a lifted middle, or from it, runs into it; from farther off it does not."""
     _, scene = world(Wall(top=0.5))
     router = Lifting(scene, SPEED, RouteTuning(over=1, lifts=(0.3, 0.8), resolution=0.02))
     for start, way in (
         ([0.9, 0.0], [[0.9, 0.8], [1.45, 0.8], [2.0, 0.0]]),
         ([0.1, 0.1], [[1.05, 0.85], [2.0, 0.0]]),
+        ([0.9, 0.0], [[0.9, 0.8], [1.3, 0.8], [1.3, 0.0]]),
     ):
-        now = situation(start, [[2.0, 0.0]])
+        now = situation(start, way[-1:])
         free, wanted = router._free_goals(now)
         found = router._over(now, free, wanted)
         assert found is not None

@@ -288,17 +288,19 @@ class Router:
         return min(ways, key=lambda way: self.travel(now.q, Route(Aim.GOAL, way)).duration, default=None)
 
     def _over(self, now: Situation, free: Ints, wanted: Array) -> Array | None:
-        """Return a way to one of the nearest free goals that lifts the tool, no more than need be; else None.
+        """Return a way (W, n) to one of the nearest free goals that lifts the tool, no more than need be; else None.
 
-        (2, n), over a middle; where none is free, (3, n), straight up at first, to the nearest alone: a hand that turns
-        between things that stand close to it would come nearer to them.
+        Over a lifted middle. Where none is free, to the nearest alone: straight up at first, as a hand that turns
+        between things that stand close to it would come nearer to them; else straight down at the end, too.
         """
         goals = free[: self.tuning.over]
-        for rises in (False, True) if len(goals) else ():
+        for rises, falls in ((False, False), (True, False), (True, True)) if len(goals) else ():
             for height in self.tuning.lifts:
-                up = [self.lifted(now.q, height)] if rises else []
+                up = self.lifted(now.q, height) if rises else now.q
                 for g in goals[:1] if rises else goals:
-                    way = np.stack([*up, self.lifted(0.5 * (now.q + now.goals[g]), height), now.goals[g]])
+                    goal = now.goals[g]
+                    middle = self.lifted(goal if falls else 0.5 * (now.q + goal), height)
+                    way = np.stack([up, middle, goal] if rises else [middle, goal])
                     if self.first_blocked(now, way, wanted[g]) is None:
                         return way
         return None
