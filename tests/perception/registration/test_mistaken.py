@@ -15,12 +15,12 @@ from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_votes import TUNING, colour_costs
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
-from twin_diagram.perception.registration.global_search import afloat, centred
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.recognition import looks_like_itself
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.rotation import exp, log
+from twin_diagram.perception.registration.search_aloft import afloat, centred
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.slots import seen as after_image
 from twin_diagram.perception.registration.tracking import carried, challenger, doubted, doubtful, due, orientations

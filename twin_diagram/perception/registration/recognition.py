@@ -11,9 +11,10 @@ import numpy.typing as npt
 from twin_diagram import scenario
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_SEARCH
-from twin_diagram.perception.registration.global_search import Found, afloat, search
+from twin_diagram.perception.registration.global_search import Found, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
+from twin_diagram.perception.registration.search_aloft import afloat
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 

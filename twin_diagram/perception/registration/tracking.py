@@ -101,12 +101,9 @@ def step(
         recognised = search_for(library, slots, searched, view, free)
     challenged = doubted(slots, tracked, time)
     for k in challenged[:1]:
-        other = challenger(library[k], slots[k], tracked[k], view, unexplained_by(library, tracked, segments))
-        if other is not None:
-            whose = _nearest_alike(k, other, library, slots, tracked)
-            recognised[whose] = other
+        whose = _challenge(k, library, slots, tracked, recognised, view)
+        if whose is not None:
             searched = [*(j for j in searched if j != whose), whose]
-            tracked.pop(whose, None)
 
     after = list(slots)
     for k in searched:
@@ -241,6 +238,29 @@ def aloft(slot: Slot, time: float) -> Aloft:
     """Return what is known of an object that is looked for in the air."""
     near = max(EXPECTED.largest_step[1], TUNING.fastest * (time - slot.seen))
     return Aloft(slot.R, slot.p, slot.alike, near, just_lost(slot, time))
+
+
+def _challenge(
+    k: int,
+    library: Sequence[Known],
+    slots: Sequence[Slot],
+    tracked: dict[int, RegisteredPose],
+    recognised: dict[int, RegisteredPose],
+    view: View,
+) -> int | None:
+    """Search object k anew, whose pose is doubtful; what is found goes from `tracked` to `recognised`.
+
+    Returns:
+        Whose pose it is, that object's or an alike's; None where nothing fits clearly better.
+    """
+    free = unexplained_by(library, tracked, view.segments)
+    other = challenger(library[k], slots[k], tracked[k], view, free)
+    if other is None:
+        return None
+    whose = _nearest_alike(k, other, library, slots, tracked)
+    recognised[whose] = other
+    tracked.pop(whose, None)
+    return whose
 
 
 def _nearest_alike(
