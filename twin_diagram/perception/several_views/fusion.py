@@ -64,7 +64,7 @@ class SeenBy:
 
 
 @dataclass(frozen=True)
-class Fused:
+class FusedPose:
     """What the cameras show together.
 
     Attributes:
@@ -78,7 +78,7 @@ class Fused:
     weights: Array
 
 
-def fuse(seen: Sequence[SeenBy], symmetric_about_z: bool = False) -> Fused:
+def fuse(seen: Sequence[SeenBy], symmetric_about_z: bool = False) -> FusedPose:
     """Return one measurement of those of several cameras.
 
     Found by one it is there, whatever others do not see. Where none finds it, its place is empty if one of them sees it
@@ -94,10 +94,10 @@ def fuse(seen: Sequence[SeenBy], symmetric_about_z: bool = False) -> Fused:
     if not found:
         empty = [one.measured for one in seen if one.measured.quality < 0 and _counts(one, newest)]
         if empty:
-            return Fused(max(empty, key=lambda one: (one.time, -one.quality)), None, weights)
+            return FusedPose(max(empty, key=lambda one: (one.time, -one.quality)), None, weights)
         last = max((one.measured for one in seen), key=lambda one: one.time)
         quality = min(last.quality, 0.0)
-        return Fused(PoseMeasurement(quality, last.time, last.pose, last.covariance), None, weights)
+        return FusedPose(PoseMeasurement(quality, last.time, last.pose, last.covariance), None, weights)
     latest = max(seen[v].measured.time for v in found)
     found = [v for v in found if not _moved_since(seen[v], latest)]
     best = min(found, key=lambda v: (_spread(seen[v]), v))
@@ -108,13 +108,13 @@ def fuse(seen: Sequence[SeenBy], symmetric_about_z: bool = False) -> Fused:
         best = min(found, key=lambda v: (_spread(seen[v]), v))
     if len(found) == 1:
         weights[found[0]] = np.eye(6)
-        return Fused(seen[found[0]].measured, seen[found[0]].rest, weights)
+        return FusedPose(seen[found[0]].measured, seen[found[0]].rest, weights)
     return _weighted(seen, found, best, latest, weights, symmetric_about_z)
 
 
 def _weighted(
     seen: Sequence[SeenBy], found: Sequence[int], best: int, latest: float, weights: Array, symmetric: bool
-) -> Fused:
+) -> FusedPose:
     """Return the mean of those found, each weighted by its noise and what is left of its calibration."""
     reference = seen[best].measured.pose
     # Cameras that take pictures in turn show each image in as many measurements as there are cameras.
@@ -136,7 +136,7 @@ def _weighted(
     quality = max(seen[v].measured.quality for v in found)
     for v, share in zip(found, shares, strict=True):
         weights[v] = share
-    return Fused(PoseMeasurement(quality, latest, pose, _symmetric(covariance)), _symmetric(rest), weights)
+    return FusedPose(PoseMeasurement(quality, latest, pose, _symmetric(covariance)), _symmetric(rest), weights)
 
 
 def _counts(one: SeenBy, newest: float) -> bool:

@@ -22,7 +22,7 @@ from twin_diagram.perception.registration.slots import Slot, measurement
 from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, introduced
 from twin_diagram.perception.segmentation.segments import Segments
-from twin_diagram.perception.several_views.fusion import Fused, SeenBy, fuse
+from twin_diagram.perception.several_views.fusion import FusedPose, SeenBy, fuse
 from twin_diagram.perception.several_views.view_memory import (
     ViewMemory,
     all_sides,
@@ -260,7 +260,7 @@ class SeveralCamerasEstimator(LeafSystem):
         keep(self._newest, np.array([segments.time, float(v)]))
         self._tell(keep, fused, beside, all_sides(views, beside.things))
 
-    def _tell(self, keep: Any, fused: list[Fused], beside: OtherMemory, things: list[Thing]) -> None:
+    def _tell(self, keep: Any, fused: list[FusedPose], beside: OtherMemory, things: list[Thing]) -> None:
         """Set what goes out."""
         count = len(self.names)
         if count:
@@ -276,7 +276,7 @@ class SeveralCamerasEstimator(LeafSystem):
 
     def _fused(
         self, views: list[ViewMemory], beside: OtherMemory, measured: list[Array], corrected: list[Array]
-    ) -> list[Fused]:
+    ) -> list[FusedPose]:
         """Return what the cameras show together of each object and further instance."""
         rests = [self._left_over(v, measured[v], corrected[v]) for v in range(len(views))]
         known, result = self._known(beside), []
@@ -306,7 +306,7 @@ class SeveralCamerasEstimator(LeafSystem):
             return np.zeros((self._rows, 6, 6))
         return shared_covariances(covariance, *self._sight(v, measured[:, 6:9]))
 
-    def _rested(self, vector: Array, fused: list[Fused], v: int, change: Array) -> Array:
+    def _rested(self, vector: Array, fused: list[FusedPose], v: int, change: Array) -> Array:
         """Return what port `rests` says after an image of camera v, the calibration corrected by a change (10)."""
         rows = vector.reshape(self._rows, RESTS_SIZE).copy()
         for row, one in zip(rows, fused, strict=True):

@@ -92,7 +92,7 @@ class ViewMemory:
 
 
 @dataclass(frozen=True)
-class Entry:
+class ViewEntry:
     """What goes into an image: as `whole_image.advance` takes it.
 
     Attributes:
@@ -106,7 +106,9 @@ class Entry:
     elsewhere: list[Placed]
 
 
-def entering(views: Sequence[ViewMemory], which: int, beside: OtherMemory, told: ImageSettings, time: float) -> Entry:
+def entering(
+    views: Sequence[ViewMemory], which: int, beside: OtherMemory, told: ImageSettings, time: float
+) -> ViewEntry:
     """Return what one camera's next image is looked at with. Of one camera alone, what it remembers itself.
 
     Args:
@@ -130,7 +132,7 @@ def entering(views: Sequence[ViewMemory], which: int, beside: OtherMemory, told:
     further = tuple(replace(one, slot=slots[first + k]) for k, one in enumerate(beside.further))
     things = tuple(_thing_of(views[which], beside.things[k], k) for k in range(len(beside.things)))
     own = replace(beside, further=further, things=things, shift=views[which].shift)
-    return Entry(slots[:first], own, elsewhere)
+    return ViewEntry(slots[:first], own, elsewhere)
 
 
 def left(
@@ -140,7 +142,7 @@ def left(
 
     Args:
         view: what it remembered.
-        entry: what its image was looked at with: `Entry.beside`.
+        entry: what its image was looked at with: `ViewEntry.beside`.
         slots: of the library's objects after it.
         beside: all else after it.
         time: of the image [s].
@@ -184,7 +186,7 @@ def contradicted(
                 wrong = emptiness(every[k].model, its, segments) > 0.0
             else:
                 symmetric = every[k].model.asset.symmetric_axis == "z" or bool(every[k].model.asset.symmetries)
-                wrong = not symmetric and turned(its.R, one.R) > TUNING.turned and one.odds > its.odds
+                wrong = bool(not symmetric and turned(its.R, one.R) > TUNING.turned and one.odds > its.odds)
             if wrong:
                 found.append((v, k))
     return found
@@ -240,9 +242,9 @@ def _handed(views: Sequence[ViewMemory], which: int, k: int, time: float) -> tup
         R, p = predict(newest, time)
         # Not lost just now, nor searched: another camera sees where it is.
         here = replace(own, known=True, R=R, p=p, velocity=newest.velocity, seen=NEVER, next_search=np.inf)
-        return replace(here, odds=newest.odds), True
-    where = {"R": newest.R, "p": newest.p, "velocity": newest.velocity, "seen": newest.seen, "odds": newest.odds}
-    return replace(own, known=True, **where), False
+        return replace(here, odds=newest.odds, aloft=newest.aloft), True
+    there = replace(own, known=True, R=newest.R, p=newest.p, velocity=newest.velocity, seen=newest.seen)
+    return replace(there, odds=newest.odds, aloft=newest.aloft), False
 
 
 def _thing_of(view: ViewMemory, common: Remembered, k: int) -> Remembered:
@@ -254,8 +256,8 @@ def _thing_of(view: ViewMemory, common: Remembered, k: int) -> Remembered:
     if not _stands_as_seen(own, common):
         return replace(common, empty=since)
     thing = replace(common.thing, middle=own.thing.middle, pieces=own.thing.pieces)
-    sides = {"samples": own.samples, "made_at": own.made_at, "rested_at": own.rested_at}
-    return replace(common, thing=thing, empty=since, **sides)
+    mine = replace(common, samples=own.samples, made_at=own.made_at, rested_at=own.rested_at)
+    return replace(mine, thing=thing, empty=since)
 
 
 def _stands_as_seen(own: Remembered, common: Remembered) -> bool:

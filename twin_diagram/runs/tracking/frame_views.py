@@ -13,7 +13,7 @@ from twin_diagram.perception.registration.turned_alike import turned
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, Outcome, advance
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.several_views.view_memory import (
-    Entry,
+    ViewEntry,
     ViewMemory,
     contradicted,
     entering,
@@ -44,7 +44,7 @@ class FrameViews:
         """Begin with none."""
         self._views: list[ViewMemory] = []
         self._places: list[tuple[Array, Array]] = []
-        self._newest: tuple[int, Entry, Segments] | None = None
+        self._newest: tuple[int, ViewEntry, Segments] | None = None
 
     def advance(self, slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told: ImageSettings) -> Outcome:
         """Take a frame in: `whole_image.advance` on what its camera remembers.
@@ -58,7 +58,7 @@ class FrameViews:
         beside = self._leave(slots, beside, told)
         which = self._which(segments, told)
         if len(self._views) == 1:
-            entry = Entry(list(slots), beside, [])
+            entry = ViewEntry(list(slots), beside, [])
         else:
             entry = entering(self._views, which, beside, told, segments.time)
         self._newest = which, entry, segments

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
@@ -95,8 +96,7 @@ def track_frames(
                 say("note: no table in view; all that is seen counts as standing")
             _start(tracker, told, base.camera(camera), frame.time - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
-        rgb = frame.rgb if frame.rgb is not None else np.full((*depth.shape, 3), 128, dtype=np.uint8)
-        found = tracker.observe(segment(rgb, depth, frame.time, grid, PERCEPTION))
+        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         seen_by |= {one.track: frame.colour for one in found if one.found}
         lines.append(json.dumps(_line(frame, found, assets, base, doubt, seen_by)))
@@ -108,6 +108,13 @@ def track_frames(
         grown.close()
     _write(out, rows, lines)
     say(f"{out}: {len(rows)} poses in {len(lines)} frames")
+
+
+def _rgb_of(frame: RgbdFrame) -> npt.NDArray[np.uint8]:
+    """Return a frame's colours (h, w, 3), grey where it has none."""
+    if frame.rgb is not None:
+        return frame.rgb
+    return np.full((frame.colour.height, frame.colour.width, 3), 128, dtype=np.uint8)
 
 
 def _check_told(out: Path, grow: Path | None, seed: int) -> None:
