@@ -9,6 +9,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from tests.small_loop import same, small_scenario, watch
+from twin_diagram import load_scenario
 from twin_diagram.errors import ScenarioError, TwinError
 from twin_diagram.scenario import Camera, Pose, Scenario, WorldCamera
 from twin_diagram.scenario.defects import CameraDefects
@@ -184,3 +185,8 @@ def test_a_loop_of_two_cameras_connects_each_port(egl: None) -> None:
         for image in ("rgb_image", "depth_image", "image_time"):
             assert loop.twin.diagram.HasInputPort(f"{name}.{image}")
             assert loop.station.HasOutputPort(f"{name}.{image}")
+
+
+def test_things_grow_before_one_camera() -> None:
+    with pytest.raises(ScenarioError, match=r"twin\.growth: things grow before one camera, not camera, opposite"):
+        make_closed_loop(load_scenario("two_cameras", ["twin.growth={}"]))

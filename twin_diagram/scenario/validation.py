@@ -119,6 +119,8 @@ def check_twin(twin: Twin) -> None:
         raise ScenarioError("twin.library", "an object has an empty name")
     if twin.growth is not None and not twin.perceiving:
         raise ScenarioError("twin.growth", "nothing is seen grow without a camera: twin.camera is null")
+    if twin.growth is not None and len(twin.perceiving) > 1:
+        raise ScenarioError("twin.growth", f"things grow before one camera, not {', '.join(twin.perceiving)}")
     if twin.growth is not None and not twin.slots.unknown:
         raise ScenarioError("twin.growth", "nothing grows where what is unknown is ignored: twin.slots.unknown is 0")
     if twin.healing is not None:
