@@ -262,7 +262,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
     require_packages(*RUN)
-    if scenario.station == "sim" and scenario.twin.camera is not None:
+    if scenario.station == "sim" and scenario.twin.perceiving:
         require_egl()
     from twin_diagram.runs.health_watch import unheard
     from twin_diagram.runs.run import run_scenario

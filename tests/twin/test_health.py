@@ -277,7 +277,8 @@ def test_patience_follows_from_the_scenarios_periods() -> None:
     # A search that is made anew after 2 s, two answers, and the ticks that hear them.
     for patience, rate in ((before, load_scenario("tabletop").twin.planner.rate), (after, twin.planner.rate)):
         assert patience.goal == pytest.approx(2.0 + 2 * twin.planner.route_after + 2.0 / rate)
-    assert after.image - twin.camera.latency == pytest.approx(2.0 * (before.image - twin.camera.latency))
+    (borne,), (less,) = after.images, before.images
+    assert borne - twin.camera.latency == pytest.approx(2.0 * (less - twin.camera.latency))
     assert (before.unseen, after.unseen) == (5.0, 10.0)
     twin.camera = None
-    assert Patience.of(twin).image == 0.0
+    assert Patience.of(twin).images == ()

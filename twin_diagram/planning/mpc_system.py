@@ -334,9 +334,10 @@ class Mpc(ModelUser[Model]):
 
 def _offset(twin: scenario.Twin) -> float:
     """When within a period to plan: right after the updater's tick that follows a new image's delivery [s]."""
-    if twin.camera is None:
+    camera = next(iter(twin.perceiving.values()), None)
+    if camera is None:
         return 0.0
-    delivered = twin.camera.latency + TUNING.margin
+    delivered = camera.latency + TUNING.margin
     updated = np.ceil(delivered * twin.scene.rate - 1e-9) / twin.scene.rate
     return float((updated + TUNING.margin) % (1.0 / twin.planner.rate))
 

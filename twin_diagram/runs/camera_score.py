@@ -8,16 +8,16 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from twin_diagram.perception.pinhole import Pinhole
-from twin_diagram.scenario import Perception, Scenario
+from twin_diagram.scenario import Camera, Perception, Scenario
 from twin_diagram.scenario.lenses import calibration_error
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import SIZE, point_shifts
-from twin_diagram.station.sim.camera_truth import true_camera
+from twin_diagram.station.sim.camera_truth import true_camera, with_camera
 from twin_diagram.twin.closed_loop import ClosedLoop
 
 
 def camera_told(loop: ClosedLoop, context: Context) -> dict[str, Any]:
-    """Return what is told of the calibration in ``summary.json``: nothing where the twin does not estimate it.
+    """Return what ``summary.json`` tells: `calibration` of one camera, `calibrations` by name of several.
 
     Of the camera's place [mm], its turn [°], the scale of its depth [%], and how far points in the middle of the
     workspace are shown aside [mm]: what was found (`corrected`), the deviation that the twin claims is left before
@@ -27,20 +27,31 @@ def camera_told(loop: ClosedLoop, context: Context) -> dict[str, Any]:
         loop: that ran.
         context: of its Diagram.
     """
-    twin, camera = loop.twin.diagram, loop.scenario.twin.camera
-    if camera is None or not twin.HasOutputPort("calibration"):
+    twin, cameras = loop.twin.diagram, loop.scenario.twin.perceiving
+    ports = {name: "calibration" if len(cameras) == 1 else f"{name}.calibration" for name in cameras}
+    own = twin.GetMyContextFromRoot(context)
+    each = {
+        name: _told(loop.scenario, camera, np.array(twin.GetOutputPort(ports[name]).Eval(own)))
+        for name, camera in cameras.items()
+        if twin.HasOutputPort(ports[name])
+    }
+    if not each:
         return {}
-    found = np.array(twin.GetOutputPort("calibration").Eval(twin.GetMyContextFromRoot(context)))
+    return {"calibration": next(iter(each.values()))} if len(cameras) == 1 else {"calibrations": each}
+
+
+def _told(scenario: Scenario, camera: Camera, found: Array) -> dict[str, Any]:
+    """Return what is told of one camera, whose port `calibration` has `found`."""
     errors, covariance = found[:SIZE], found[SIZE:].reshape(SIZE, SIZE)
     told = Pinhole.from_scenario(camera)
-    J = _aside(told, loop.scenario.twin.perception)
+    J = _aside(told, scenario.twin.perception)
     result: dict[str, Any] = {"corrected": _lengths(errors, J)}
     first = np.diag(calibration_error(camera).variances)
     result["claimed"] = {"before": _deviations(first, J), "after": _deviations(covariance, J)}
-    if loop.scenario.station == "sim":
-        true = true_errors(loop.scenario, told)
+    if scenario.station == "sim":
+        true = true_errors(with_camera(scenario, camera.name), told)
         result["error"] = {"before": _lengths(true, J), "after": _lengths(true - errors, J)}
-    return {"calibration": result}
+    return result
 
 
 def true_errors(scenario: Scenario, told: Pinhole) -> Array:

@@ -136,7 +136,7 @@ class Keeping:
         if record is None:
             # A log alone is a recording without images, made aside.
             scenario = copy_scenario(scenario)
-            scenario.twin.camera = None
+            scenario.twin.camera, scenario.twin.cameras = None, {}
             record = Path(stack.enter_context(TemporaryDirectory())) / "recording"
         self._scenario = scenario
         rows = None

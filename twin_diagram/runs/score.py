@@ -260,10 +260,10 @@ def table(summary: Mapping[str, Any]) -> str:
         )
     alarms = ", ".join(f"{a['kind']} at {a['time']:.2f} s" for a in summary["alarms"])
     lines.append(f"alarms     {alarms or 'none'}")
-    if "calibration" in summary:
-        found = summary["calibration"]
+    each = {"camera": summary["calibration"]} if "calibration" in summary else summary.get("calibrations", {})
+    for name, found in each.items():
         before, after = (found.get("error", found["claimed"])[when]["shown_aside_mm"] for when in ("before", "after"))
-        lines.append(f"camera     shows the table {before:.1f} mm aside as told, {after:.1f} mm as corrected")
+        lines.append(f"{name:<10} shows the table {before:.1f} mm aside as told, {after:.1f} mm as corrected")
     if summary.get("things"):
         names = ", ".join(f"{name} ({entry['status']})" for name, entry in summary["things"].items())
         lines.append(f"besides    {names}")

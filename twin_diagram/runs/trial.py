@@ -26,7 +26,7 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, NEVER, TRACK_SIZE
 from twin_diagram.signals.lens import Lens
 from twin_diagram.station import ports
-from twin_diagram.station.sim.camera_truth import true_camera
+from twin_diagram.station.sim.camera_truth import TrueCamera, true_camera, with_camera
 from twin_diagram.twin.closed_loop import ClosedLoop
 
 
@@ -152,11 +152,11 @@ class _Sampler:
         self._surfaces = [
             (a.points_O[: TUNING.seen_points].copy(), a.normals_O[: TUNING.seen_points].copy()) for a in assets
         ]
-        self._camera = scenario.twin.camera
-        self._eye = true_camera(scenario) if self._camera else None
+        self._eyes = {name: true_camera(with_camera(scenario, name)) for name in scenario.twin.perceiving}
+        self._looked = dict.fromkeys(self._eyes, NEVER)
+        self._shown = {name: np.zeros(len(self._objects)) for name in self._eyes}
         self._clearance = TrueClearance(loop.station)
         self._seen = np.zeros(len(self._objects))
-        self._image_time = NEVER
         self._past: list[tuple[float, Array]] = []
         self._goal = pose(scenario.twin.task.X_WG) if scenario.twin.task.X_WG else None
         self._rows: list[tuple[Any, ...]] = []
@@ -218,23 +218,28 @@ class _Sampler:
         return float(np.linalg.norm(X_GT.translation())), float(X_GT.rotation().ToAngleAxis().angle())
 
     def _look(self) -> None:
-        """Count, where a new image has come, which share of each object's camera-facing surface it shows."""
-        if self._camera is None or self._eye is None:
+        """Count, where a new image has come, which share of each object's camera-facing surface it shows.
+
+        Of several cameras, that which shows most of it counts.
+        """
+        for name, eye in self._eyes.items():
+            self._look_through(name, eye)
+        if self._eyes:
+            self._seen[:] = np.max(list(self._shown.values()), axis=0)
+
+    def _look_through(self, name: str, eye: TrueCamera) -> None:
+        image_time = float(self._station(ports.image_time(name))[0])
+        if image_time == self._looked[name] or image_time < 0:
             return
-        image_time = float(self._station(ports.image_time(self._camera.name))[0])
-        if image_time == self._image_time or image_time < 0:
-            return
-        self._image_time = image_time
-        image = cast(Any, self._loop.station.GetOutputPort(ports.depth_image(self._camera.name))).Eval(
-            self._station_context
-        )
-        depth = np.asarray(image.data[..., 0] / np.float32(self._eye.depth_scale), dtype=np.float32)
-        X_DW = self._eye.X_WD.inverse()
+        self._looked[name] = image_time
+        image = cast(Any, self._loop.station.GetOutputPort(ports.depth_image(name))).Eval(self._station_context)
+        depth = np.asarray(image.data[..., 0] / np.float32(eye.depth_scale), dtype=np.float32)
+        X_DW = eye.X_WD.inverse()
         times = np.array([time for time, _ in self._past])
         poses = self._past[int(np.argmin(np.abs(times - image_time)))][1]
         for index, (points, normals) in enumerate(self._surfaces):
             X_DO = X_DW.multiply(_transform(poses[index]))
-            self._seen[index] = _seen_share(points, normals, X_DO, depth, self._eye.depth)
+            self._shown[name][index] = _seen_share(points, normals, X_DO, depth, eye.depth)
 
 
 def _transform(vector: Array) -> RigidTransform:

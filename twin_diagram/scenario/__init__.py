@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from twin_diagram.scenario.sensors import Driver, Lidar, LinkSensor
     from twin_diagram.scenario.station import LcmStation, ReplayStation
     from twin_diagram.scenario.twin import Twin
-    from twin_diagram.scenario.world import WayPoint, World, WorldObject
+    from twin_diagram.scenario.world import WayPoint, World, WorldCamera, WorldObject
 
 __all__ = [
     "ArmDefects",
@@ -63,6 +63,7 @@ __all__ = [
     "Twin",
     "WayPoint",
     "World",
+    "WorldCamera",
     "WorldObject",
     "load_scenario",
     "models_dir",

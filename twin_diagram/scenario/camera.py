@@ -59,7 +59,10 @@ class Camera:
     """A pinhole RGB-D camera; optical frame C: X right, Y down, Z forward. Pixel (u, v) has its centre at (u, v)."""
 
     name: str = "camera"
-    """Its ports are called after it."""
+    """Its ports are called after it; those of ``twin.cameras`` have the name under which they stand there."""
+    role: str = "pictures"
+    """What one of ``twin.cameras`` is for: `perception`, the running twin looks through it all the time; `pictures`,
+    where somebody asks for one. ``twin.camera`` is always looked through."""
     X_WC: Pose = field(default_factory=Pose)
     """Where its optical frame C stands in the world, X right, Y down, Z forward [m]."""
     width: int = 640

@@ -68,6 +68,8 @@ class CameraDefects:
     """The same of the scale of depth, as a share of it."""
     covered: list[list[float]] = field(default_factory=list)
     """Intervals [start, end] in which the lens is covered [s]."""
+    stops: float | None = None
+    """From then on no image comes any more [s]; null: it goes on."""
 
 
 @document

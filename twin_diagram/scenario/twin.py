@@ -1,7 +1,7 @@
 """All that the twin is told."""
 
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from twin_diagram.scenario.braking import Braking
 from twin_diagram.scenario.camera import Camera
@@ -33,9 +33,10 @@ class Twin:
     library: dict[str, str] = field(default_factory=dict)
     """Folders of the known objects' assets, by the name of the object."""
     camera: Camera | None = field(default_factory=Camera)
-    """The camera as calibrated; null: none."""
+    """The camera that perception looks through, as calibrated; null: none, but for those of ``cameras``."""
     cameras: dict[str, Camera] = field(default_factory=dict)
-    """Further cameras as calibrated, by name; a picture is rendered where somebody looks through one."""
+    """Further cameras as calibrated, by name. Through those whose `role` is `perception` the twin looks, too; of the
+    others a picture is rendered where somebody asks for one."""
     lidar: Lidar | None = None
     """Its clouds reach the filter where ``filter.sensors`` says so, kind `lidar`."""
     task: Task = field(default_factory=Task)
@@ -62,3 +63,10 @@ class Twin:
     """What stops the arm in time whatever the planner does; null: nothing."""
     learning: Learning | None = None
     """Where objects are learned by handling them (`twin-diagram learn`); null: nowhere."""
+
+    @property
+    def perceiving(self) -> dict[str, Camera]:
+        """The cameras that the running twin looks through, by name: ``camera`` first, then those of ``cameras``."""
+        own = {} if self.camera is None else {self.camera.name: self.camera}
+        others = {k: replace(one, name=k) for k, one in self.cameras.items() if one.role == "perception"}
+        return own | others

@@ -117,16 +117,17 @@ def check_twin(twin: Twin) -> None:
         raise ScenarioError("twin.driver.torque_side", f"{twin.driver.torque_side!r} is none of motor, link")
     if not all(name.strip() for name in twin.library):
         raise ScenarioError("twin.library", "an object has an empty name")
-    if twin.growth is not None and twin.camera is None:
+    if twin.growth is not None and not twin.perceiving:
         raise ScenarioError("twin.growth", "nothing is seen grow without a camera: twin.camera is null")
+    if twin.growth is not None and len(twin.perceiving) > 1:
+        raise ScenarioError("twin.growth", f"things grow before one camera, not {', '.join(twin.perceiving)}")
     if twin.growth is not None and not twin.slots.unknown:
         raise ScenarioError("twin.growth", "nothing grows where what is unknown is ignored: twin.slots.unknown is 0")
     if twin.healing is not None:
         _healing(twin.healing, "twin.healing")
     if twin.camera is not None:
         check_optics(twin.camera, "twin.camera")
-    for name, camera in twin.cameras.items():
-        check_optics(camera, f"twin.cameras.{name}")
+    _cameras(twin)
     if twin.learning is not None:
         _learning(twin.learning, twin.cameras, "twin.learning")
     if twin.lidar is not None:
@@ -134,6 +135,17 @@ def check_twin(twin: Twin) -> None:
         if not twin.lidar.latency < 1.0 / twin.lidar.rate:
             why = f"{twin.lidar.latency} s is not less than the time between scans, {1.0 / twin.lidar.rate:.4g} s"
             raise ScenarioError("twin.lidar.latency", why)
+
+
+def _cameras(twin: Twin) -> None:
+    """Check the cameras beside the first: role, name, optics."""
+    for name, camera in twin.cameras.items():
+        field = f"twin.cameras.{name}"
+        if camera.role not in ("perception", "pictures"):
+            raise ScenarioError(f"{field}.role", f"{camera.role!r} is none of perception, pictures")
+        if twin.camera is not None and name == twin.camera.name:
+            raise ScenarioError(field, f"twin.camera is called {name!r}, too")
+        check_optics(camera, field)
 
 
 def check_optics(camera: Camera, name: str) -> None:

@@ -46,6 +46,17 @@ class WorldObject:
 
 @document
 @dataclass
+class WorldCamera:
+    """What one of ``twin.cameras`` really is."""
+
+    X_WC: Pose | None = None
+    """Its true pose, where it differs from the twin's calibration other than by `X_WC_error`."""
+    defects: CameraDefects | None = None
+    """How it falls short; null: as ``world.camera_defects`` says of all, each drawn for itself."""
+
+
+@document
+@dataclass
 class World:
     """What a simulated station needs, and nobody else may know."""
 
@@ -60,9 +71,11 @@ class World:
     fixtures: list[Fixture] = field(default_factory=list)
     """What never moves."""
     X_WC: Pose | None = None
-    """The camera's true pose, where it differs from the twin's calibration."""
+    """The true pose of ``twin.camera``, where it differs from the twin's calibration."""
     camera_defects: CameraDefects = field(default_factory=CameraDefects)
-    """How the camera falls short."""
+    """How the camera falls short, and those of `cameras` of which nothing else is said."""
+    cameras: dict[str, WorldCamera] = field(default_factory=dict)
+    """What those of ``twin.cameras`` really are, by name."""
     arm_defects: ArmDefects = field(default_factory=ArmDefects)
     """How the arm's sensors fall short."""
     lidar_defects: LidarDefects = field(default_factory=LidarDefects)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final, cast
 
 import numpy as np
@@ -19,6 +20,7 @@ from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import (
     CALIBRATION_SIZE,
+    RESTS_SIZE,
     SIZE,
     CalibrationError,
     pose_shifts,
@@ -43,6 +45,7 @@ class SceneGraphUpdater(LeafSystem):
         - further_poses (optional)
         - things (optional)
         - calibration (optional)
+        - rests (optional)
         - hand (optional)
         output_ports:
         - positions
@@ -60,6 +63,8 @@ class SceneGraphUpdater(LeafSystem):
         things: (T · THING_SIZE) of unknown things: for the events alone.
         calibration: (10 + 100) errors of the camera's calibration that are taken out of what it shows, and their
             covariance; see `signals.calibration_error`. Not connected: none are, and what is told of them counts.
+        rests: ((K + F) · RESTS_SIZE) the same where several cameras see the objects: of each what is left (6 × 6) and
+            the sum of the shifts (6) by which corrections have moved it. It then stands for `calibration`.
         hand: (HAND_SIZE) what the hand holds is held, whatever images show; let go, it rests where the hand left it.
             See `signals.hand`. Not connected: what goes along with the tool is taken for held.
         positions: (nq) of `TwinScene.plant` at the present time; objects not yet seen, and those that are gone, wait
@@ -123,6 +128,7 @@ class SceneGraphUpdater(LeafSystem):
         self._calibration_in = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
         self._hand_in = self.DeclareVectorInputPort("hand", HAND_SIZE)
         rows = self._count + self._further
+        self._rests_in = self.DeclareVectorInputPort("rests", rows * RESTS_SIZE)
         self._filters = self.DeclareDiscreteState(cast(Any, object_filter.initial_filters(rows).ravel()))
         names = np.r_[np.arange(1.0, self._count + 1.0), np.zeros(self._further)]
         self._lives = self.DeclareDiscreteState(cast(Any, object_life.initial_lives(names).ravel()))
@@ -130,6 +136,7 @@ class SceneGraphUpdater(LeafSystem):
         self._looked = self.DeclareDiscreteState(cast(Any, np.zeros(3 * (rows + self._things))))
         told = np.r_[np.zeros(SIZE), np.diag(self._doubt.variances).ravel()]
         self._corrected = self.DeclareDiscreteState(cast(Any, told))
+        self._rests = self.DeclareDiscreteState(cast(Any, np.zeros(rows * RESTS_SIZE)))
         self._events = self.DeclareDiscreteState(cast(Any, object_events.empty_ring()))
         self._grip = self.DeclareDiscreteState(cast(Any, Hand().pack()))
         now = {self.time_ticket(), self.xd_ticket()}
@@ -205,6 +212,12 @@ class SceneGraphUpdater(LeafSystem):
 
     def _follow_calibration(self, context: Context, discrete: DiscreteValues, filters: Array) -> Array:
         """Return filters moved as the calibration was corrected since the tick before: the objects stood still."""
+        if self._rests_in.HasValue(context):
+            rests = np.array(self._rests_in.Eval(context)).reshape(-1, RESTS_SIZE)
+            before = np.asarray(context.get_discrete_state(int(self._rests)).value()).reshape(-1, RESTS_SIZE)
+            discrete.set_value(int(self._rests), cast(Any, rests.ravel()))
+            steps = rests[:, 36:] - before[:, 36:]
+            return self._shifted(filters, lambda _: steps) if steps.any() else filters
         if self._camera is None or not self._calibration_in.HasValue(context):
             return filters
         calibration = np.array(self._calibration_in.Eval(context))
@@ -212,10 +225,13 @@ class SceneGraphUpdater(LeafSystem):
         if not change.any():
             return filters
         discrete.set_value(int(self._corrected), cast(Any, calibration))
-        step = change[:SIZE]
+        return self._shifted(filters, lambda poses: -pose_shifts(*self._sight(poses)) @ change[:SIZE])
+
+    def _shifted(self, filters: Array, by: Callable[[Array], Array]) -> Array:
+        """Return filters whose poses (R, 7) are turned and shifted `by` so much (R, 6)."""
         after = filters.copy()
         for part in (FilterLayout.POSE, FilterLayout.REMEMBERED_POSE):
-            shifts = -pose_shifts(*self._sight(filters[:, part])) @ step
+            shifts = by(filters[:, part])
             after[:, part] = [object_update.moved(pose, s) for pose, s in zip(filters[:, part], shifts, strict=True)]
         return after
 
@@ -301,12 +317,15 @@ class SceneGraphUpdater(LeafSystem):
         axes = np.zeros((len(filters), 3))
         if kinds:
             axes[:] = [kinds[int(k)].axis for k in self._assets_of(context)[part]]
-        covariances = object_filter.pose_covariances(belief, axes, self._tuning, self._shared(context, belief))
+        covariances = object_filter.pose_covariances(belief, axes, self._tuning, self._shared(context, belief, part))
         tracks[:, 15:] = covariances.reshape(len(filters), 36)
         return tracks
 
-    def _shared(self, context: Context, belief: object_filter.ObjectBelief) -> Array | None:
-        """Return (R, 6, 6) what the camera's calibration leaves open; None where that is told to be nothing."""
+    def _shared(self, context: Context, belief: object_filter.ObjectBelief, part: slice) -> Array | None:
+        """Return (R, 6, 6) what calibration leaves open of some rows; None where that is told to be nothing."""
+        if self._rests_in.HasValue(context):
+            rests = np.asarray(context.get_discrete_state(int(self._rests)).value())
+            return np.array(rests.reshape(-1, RESTS_SIZE)[part, :36].reshape(-1, 6, 6))
         if self._camera is None or not self._doubt.variances.any():
             return None
         covariance = np.array(context.get_discrete_state(int(self._corrected)).value())[SIZE:].reshape(SIZE, SIZE)

@@ -17,6 +17,9 @@ SIZE = 10
 """Of a calibration's errors."""
 CALIBRATION_SIZE = SIZE + SIZE * SIZE
 """Of an estimate of them: errors, and their covariance row by row."""
+RESTS_SIZE = 36 + 6
+"""Of an object that several cameras see: what is left of their calibrations in its pose (6, 6), and the sum of the
+shifts (6) by which corrections of them have moved it."""
 
 
 @dataclass(frozen=True)

@@ -247,7 +247,7 @@ class MujocoStation(Diagram):
         for name in ports.output_names(arm):
             builder.ExportOutput(arm.GetOutputPort(name), name)
         builder.BuildInto(self)
-        ports.check(self, len(arm.joints), 0, None)
+        ports.check(self, len(arm.joints), 0, ())
 
 
 def _movable(urdf: Path) -> list[ET.Element]:

@@ -6,13 +6,13 @@ may connect.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from pydrake.systems.framework import Diagram, System
 
-from twin_diagram.errors import StationError
-from twin_diagram.scenario import LinkSensor
+from twin_diagram.errors import ScenarioError, StationError
+from twin_diagram.scenario import Camera, LinkSensor, Twin
 
 POSITION_COMMANDED: Final = "arm.position_commanded"
 """(n,) joint angles [rad] or travel [m]."""
@@ -89,6 +89,22 @@ def time_of(port: str) -> str:
     return f"{port.removesuffix('_measured')}_time"
 
 
+def only_camera(twin: Twin, whose: str) -> Camera | None:
+    """Return the one camera that a twin looks through, under its name; None: none.
+
+    Args:
+        twin: what it is told.
+        whose: what knows no more than one, for the message: "the replay station plays".
+
+    Raises:
+        ScenarioError: there are several.
+    """
+    cameras = twin.perceiving
+    if len(cameras) > 1:
+        raise ScenarioError("twin.cameras", f"{whose} the pictures of one camera, not of {', '.join(cameras)}")
+    return next(iter(cameras.values()), None)
+
+
 def input_names(system: System) -> list[str]:
     """Return the names of a system's input ports, in order."""
     return [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
@@ -99,13 +115,13 @@ def output_names(system: System) -> list[str]:
     return [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
 
 
-def expected(arm_size: int, gripper_size: int, camera: str | None) -> tuple[dict[str, int], dict[str, int]]:
+def expected(arm_size: int, gripper_size: int, cameras: Sequence[str]) -> tuple[dict[str, int], dict[str, int]]:
     """Return the contract: input and output ports by name, with their sizes (0 for an abstract port).
 
     Args:
         arm_size: n, number of arm joints.
         gripper_size: g, number of finger joints; 0 where there is no gripper.
-        camera: the camera's name, or None.
+        cameras: the cameras' names.
     """
     inputs = {POSITION_COMMANDED: arm_size, TORQUE_COMMANDED: arm_size}
     outputs = dict.fromkeys((POSITION_MEASURED, VELOCITY_ESTIMATED, TORQUE_MEASURED), arm_size)
@@ -113,20 +129,20 @@ def expected(arm_size: int, gripper_size: int, camera: str | None) -> tuple[dict
     if gripper_size:
         inputs[GRIPPER_COMMANDED] = gripper_size
         outputs[GRIPPER_MEASURED] = 2 * gripper_size
-    if camera is not None:
+    for camera in cameras:
         outputs |= {rgb_image(camera): 0, depth_image(camera): 0, image_time(camera): 1}
     return inputs, outputs
 
 
 def check(
-    station: Diagram, arm_size: int, gripper_size: int, camera: str | None, further: Mapping[str, int] | None = None
+    station: Diagram, arm_size: int, gripper_size: int, cameras: Sequence[str], further: Mapping[str, int] | None = None
 ) -> None:
     """Check a station against the contract; `truth.*` and the ports of `further` sensors, by size, may come on top.
 
     Raises:
         StationError: a port is missing, surplus or of the wrong size; the message names it.
     """
-    inputs, outputs = expected(arm_size, gripper_size, camera)
+    inputs, outputs = expected(arm_size, gripper_size, cameras)
     outputs |= further or {}
     optional = OPTIONAL if gripper_size else {}
     for kind, wanted, allowed, ports in (

@@ -18,10 +18,14 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.errors import TwinError
 from twin_diagram.perception.registration.pose_system import IcpPoseEstimator, NewestLook
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.several_views.pose_system import SeveralCamerasEstimator
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.scene.object_events import Names
 from twin_diagram.scene.twin_scene import TwinScene
+
+Sight = IcpPoseEstimator | SeveralCamerasEstimator
+"""What finds objects, through one camera or several."""
 
 
 class AddedAssets:
@@ -31,9 +35,7 @@ class AddedAssets:
         assets: by name, in the order of their numbers.
     """
 
-    def __init__(
-        self, scene: TwinScene, sight: IcpPoseEstimator | None, movers: Sequence[Mpc | StopMonitor | None]
-    ) -> None:
+    def __init__(self, scene: TwinScene, sight: Sight | None, movers: Sequence[Mpc | StopMonitor | None]) -> None:
         """Begin with none.
 
         Args:
@@ -64,7 +66,7 @@ class AddedAssets:
         self.assets[name] = asset
         return number
 
-    def check(self, whose: str = "") -> IcpPoseEstimator:
+    def check(self, whose: str = "") -> Sight:
         """Return what finds objects; raise TwinError where there are no eyes, or no slots for what comes later."""
         if self._sight is None:
             raise TwinError(f"{whose}the twin has no perception of its own that could find it")
@@ -84,6 +86,8 @@ class AddedAssets:
     def segments(self, diagram: Diagram, context: Context) -> Segments:
         """Return the newest image taken apart, in a Context of the twin."""
         sight = self.check()
+        if isinstance(sight, SeveralCamerasEstimator):
+            return sight.segments(diagram.GetSubsystemContext(sight, context))
         port = sight.GetInputPort("segments")
         return cast(Segments, port.Eval(diagram.GetSubsystemContext(sight, context)))
 

@@ -71,7 +71,7 @@ def fused_sensors(twin: Twin, last_link: str) -> list[Fused]:
         if spec.kind == USED:
             raise ScenarioError(field, "the twin's filter predicts with the torque measured; a reading counts once")
         if spec.kind == DEPTH:
-            fused = _seen(spec, twin.camera, last_link, field)
+            fused = _seen(spec, _first(twin), last_link, field)
         elif spec.kind == LIDAR:
             fused = _met(spec, twin.lidar, last_link, field)
         else:
@@ -127,9 +127,10 @@ def export(
             builder.ExportInput(reading, sensor.reading)
             builder.ExportInput(time, sensor.time)
             continue
-        assert twin.camera is not None
+        camera = _first(twin)
+        assert camera is not None
         surface = link_surface(twin.arm, sensor.spec.body, packages)
-        cloud = builder.AddNamedSystem(f"{name}_cloud", ArmCloud(model, sensor.spec, twin.camera, surface))
+        cloud = builder.AddNamedSystem(f"{name}_cloud", ArmCloud(model, sensor.spec, camera, surface))
         builder.ConnectInput(sensor.reading, cloud.GetInputPort("depth_image"))
         builder.ConnectInput(sensor.time, cloud.GetInputPort("image_time"))
         builder.ConnectInput(sensor.time, time)
@@ -156,6 +157,11 @@ def silence(builder: DiagramBuilder, twin: Diagram, station: Diagram, fused: Seq
             source = builder.AddNamedSystem(f"no {port}", ConstantVectorSource(value))
             builder.Connect(source.get_output_port(), twin.GetInputPort(port))
     return [sensor.reading for sensor in missing]
+
+
+def _first(twin: Twin) -> Camera | None:
+    """Return the camera that the arm is seen by: the first of those that the twin looks through."""
+    return next(iter(twin.perceiving.values()), None)
 
 
 def _seen(spec: SensorSpec, camera: Camera | None, last_link: str, field: str) -> Fused:

@@ -86,8 +86,11 @@ def lacks(twin: scenario.Twin) -> tuple[Lack, ...]:
         Lack(Reason.NO_ARM_MESSAGE, "they have ceased"),
         Lack(Reason.SLOWER_THAN_REAL_TIME, "the arm's clock is ahead of the loop's"),
     ]
-    if twin.camera is not None:
-        result += [Lack(Reason.NO_IMAGE, "none has come"), Lack(Reason.NO_IMAGE, "they have ceased")]
+    cameras = twin.perceiving
+    if cameras:
+        whose = [f" from {name}" if len(cameras) > 1 else "" for name in cameras]
+        for one in whose:
+            result += [Lack(Reason.NO_IMAGE, f"none has come{one}"), Lack(Reason.NO_IMAGE, f"they have ceased{one}")]
         result += [Lack(Reason.OBJECT_NOT_SEEN, name) for name in twin.library]
         instances, unknown = max(twin.slots.instances, len(twin.library)), twin.slots.unknown
         result.append(Lack(Reason.SLOTS_EXHAUSTED, f"another object of the library beside {instances} is seen unnamed"))
@@ -105,7 +108,7 @@ class Patience:
     """How long each kind of lack is borne [s]."""
 
     message: float
-    image: float
+    images: tuple[float, ...]
     unseen: float
     behind: float
     goal: float
@@ -113,10 +116,9 @@ class Patience:
     @staticmethod
     def of(twin: scenario.Twin) -> Patience:
         """Return what follows from a twin's periods."""
-        camera = twin.camera
         return Patience(
             message=TUNING.messages / twin.driver.rate,
-            image=0.0 if camera is None else camera.latency + TUNING.images / camera.rate,
+            images=tuple(camera.latency + TUNING.images / camera.rate for camera in twin.perceiving.values()),
             unseen=twin.scene.lost_after,
             behind=TUNING.plans / twin.planner.rate,
             goal=TUNING.searches * PLANNER.retry + 2 * twin.planner.route_after + 2.0 / twin.planner.rate,
@@ -176,6 +178,7 @@ class HealthMonitor(LeafSystem):
         input_ports:
         - measurement_time
         - image_time (optional)
+        - <camera>.image_time (optional)
         - tracks (optional)
         - reach (optional)
         - turned_away (optional)
@@ -185,6 +188,7 @@ class HealthMonitor(LeafSystem):
     Ports:
         measurement_time: (1) of the arm's newest message [s], `NEVER` before the first.
         image_time: (1) of the newest image [s], `NEVER` before the first.
+        <camera>.image_time: (1) the same of each camera, where the twin looks through several.
         tracks: (K · TRACK_SIZE) a `layouts.Track` per library object.
         reach: (1) of a planner: 0 where it found no joint positions for its goal, above 0 where it did, `NEVER` where
             it has none. A planner without such a port may leave it open.
@@ -202,11 +206,13 @@ class HealthMonitor(LeafSystem):
         super().__init__()
         self.lacks: Final = lacks(twin)
         self._patience: Final = Patience.of(twin)
-        self._sees: Final = twin.camera is not None
+        self._sees: Final = bool(twin.perceiving)
         self._objects: Final = len(twin.library) if self._sees else 0
         self._wants: Final = twin.task.X_WG is not None
         self._arm = self.DeclareVectorInputPort("measurement_time", 1)
-        self._image = self.DeclareVectorInputPort("image_time", 1)
+        names = list(twin.perceiving) if len(twin.perceiving) > 1 else []
+        own = [f"{name}.image_time" for name in names] or ["image_time"]
+        self._images = [self.DeclareVectorInputPort(name, 1) for name in own]
         self._tracks = self.DeclareVectorInputPort("tracks", TRACK_SIZE * len(twin.library))
         self._reach = self.DeclareVectorInputPort("reach", 1)
         self._away = self.DeclareVectorInputPort("turned_away", 2)
@@ -237,8 +243,10 @@ class HealthMonitor(LeafSystem):
         newest = float(cast(Array, self._arm.Eval(context))[0])
         since = [*ceased(now, newest, patience.message), now if newest - now > patience.behind else np.inf]
         if self._sees:
-            image = float(cast(Array, self._image.Eval(context))[0])
-            since += ceased(now, image, patience.image)
+            times = [float(cast(Array, port.Eval(context))[0]) for port in self._images]
+            for one, borne in zip(times, patience.images, strict=True):
+                since += ceased(now, one, borne)
+            image = max(times)
             first_image = image if first_image < 0.0 else first_image
             tracks = cast(Array, self._tracks.Eval(context)).reshape(-1, TRACK_SIZE)
             looked = first_image >= 0.0 and image - first_image > patience.unseen

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from pydrake.systems.framework import PortDataType, System
+from pydrake.systems.framework import DiagramBuilder, PortDataType, System
 
 from twin_diagram.errors import TwinError
 
@@ -78,3 +78,9 @@ def _size(port: object) -> int:
 
 def _sizes(ports: Mapping[str, int]) -> str:
     return ", ".join(f"{name} (a value)" if size == VALUE else f"{name} ({size})" for name, size in ports.items())
+
+
+def connect_ports(builder: DiagramBuilder, source: System, to: System, *names: str) -> None:
+    """Connect output ports of one system to another's input ports of the same names."""
+    for name in names:
+        builder.Connect(source.GetOutputPort(name), to.GetInputPort(name))

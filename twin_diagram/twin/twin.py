@@ -13,37 +13,33 @@ from typing import Any
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import scenario
 from twin_diagram.assets.asset import Asset
-from twin_diagram.errors import TwinError
 from twin_diagram.estimation.drift_system import DriftMonitor
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.model.model import Model
-from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
-from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.planning.tasks.task_system import TaskRunner
-from twin_diagram.scenario.lenses import calibration_error
 from twin_diagram.scenario.validation import check_twin
 from twin_diagram.scene import object_events
 from twin_diagram.scene.object_events import Names
 from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.hand import HAND_SIZE
-from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE
+from twin_diagram.signals.layouts import POSE_SIZE, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
 from twin_diagram.twin.acting import add_task, connect_task, export_acting
 from twin_diagram.twin.added_assets import AddedAssets
-from twin_diagram.twin.arm_sensing.camera_calibrator import add_calibrator
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.given_files import Packages, check_fixtures, library_of, model_of, named
 from twin_diagram.twin.health import HealthMonitor
 from twin_diagram.twin.kept_scene import keep_scene
-from twin_diagram.twin.own_systems import VALUE, check, inputs_of
+from twin_diagram.twin.own_systems import check, inputs_of
+from twin_diagram.twin.own_systems import connect_ports as _connect
+from twin_diagram.twin.sight import add_sight
 from twin_diagram.twin.stopping_in_time import add_stop_monitor, connect_commands
 
 MASS = "payload.mass"
@@ -234,7 +230,7 @@ def make_twin(
     _connect(builder, ekf, updater, "arm_state")
     _connect_controller(builder, ekf, updater, goal, moves, health)
     _connect(builder, updater, health, "tracks")
-    sight = _add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner, monitor)
+    sight = add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner, monitor)
     named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
     connect_commands(builder, moves, monitor, ekf, updater, runner, len(model.joints))
@@ -255,7 +251,8 @@ def _built(builder: DiagramBuilder) -> Diagram:
 
 def _add_updater(builder: DiagramBuilder, scene: TwinScene, twin: scenario.Twin) -> SceneGraphUpdater:
     """Add what keeps the scene in step with what is seen."""
-    made = SceneGraphUpdater(scene, twin.scene, twin.camera, twin.slots.forget_after)
+    only = next(iter(twin.perceiving.values()), None) if len(twin.perceiving) < 2 else None
+    made = SceneGraphUpdater(scene, twin.scene, only, twin.slots.forget_after)
     updater = builder.AddNamedSystem("scene_graph_updater", made)
     builder.Connect(updater.GetOutputPort("positions"), scene.positions_input)
     builder.Connect(updater.GetOutputPort("further_tracks"), scene.further_input)
@@ -290,12 +287,6 @@ def _connect_controller(
         _connect(builder, controller, health, "reach")
 
 
-def _connect(builder: DiagramBuilder, source: System, to: System, *names: str) -> None:
-    """Connect output ports of one system to another's input ports of the same names."""
-    for name in names:
-        builder.Connect(source.GetOutputPort(name), to.GetInputPort(name))
-
-
 def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, *others: System) -> None:
     """Let the arm's messages into the filter and those of other systems that want them, under the station's names."""
     measured = {
@@ -309,68 +300,6 @@ def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, *others: Syste
         for system in others:
             if system.HasInputPort(port):
                 builder.ConnectInput(name, system.GetInputPort(port))
-
-
-def _add_sight(
-    builder: DiagramBuilder,
-    twin: scenario.Twin,
-    library: dict[str, Asset],
-    packages: Packages | None,
-    ekf: AdaptiveEkf,
-    updater: SceneGraphUpdater,
-    health: HealthMonitor,
-    moves: System,
-    own: System | None,
-    runner: TaskRunner | None,
-    monitor: StopMonitor | None,
-) -> IcpPoseEstimator | None:
-    """Add what leads from the camera to the scene; without a camera, what says that nothing was seen."""
-    if twin.camera is None:
-        if own is not None:
-            raise TwinError("perception: the twin has no camera for it: twin.camera is null")
-        blind = builder.AddNamedSystem("no_camera", ConstantVectorSource(np.array([NEVER])))
-        nothing = builder.AddNamedSystem("no_poses", ConstantVectorSource(np.zeros(MEASUREMENT_SIZE * len(library))))
-        builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
-        builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
-        return None
-    camera = twin.camera
-    if own is None:
-        first: System = PerceptionSystem(twin.arm, camera, twin.perception, packages)
-        registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception, twin.slots, twin.scene)
-        last: System = builder.AddNamedSystem("icp_pose_estimator", registrar)
-    else:
-        images = {"rgb_image": VALUE, "depth_image": VALUE, "image_time": 1}
-        state = ekf.GetOutputPort("arm_state").size()
-        check("perception", own, {**images, "arm_state": state}, {"object_poses": MEASUREMENT_SIZE * len(library)}, {})
-        first = last = own
-    builder.AddNamedSystem("perception", first)
-    for port, name in (("rgb_image", ports.rgb_image(camera.name)), ("depth_image", ports.depth_image(camera.name))):
-        if first.HasInputPort(port):
-            builder.ExportInput(first.GetInputPort(port), name)
-    users = (first, updater, health, *([] if monitor is None else [monitor]))
-    timed = [system for system in users if system.HasInputPort("image_time")]
-    image_time = builder.ExportInput(timed[0].GetInputPort("image_time"), ports.image_time(camera.name))
-    for system in timed[1:]:
-        builder.ConnectInput(image_time, system.GetInputPort("image_time"))
-    _connect(builder, ekf, first, *inputs_of(first, ("arm_state",)))
-    if own is None:
-        _connect(builder, first, last, "segments")
-    if own is None and calibration_error(camera).variances.any():
-        calibrator = add_calibrator(builder, twin.arm, camera, twin.perception, packages)
-        _connect(builder, ekf, calibrator, "arm_state")
-        for user in (first, updater):
-            _connect(builder, calibrator, user, "calibration")
-    for user in (updater, *([] if runner is None else [runner])):
-        _connect(builder, last, user, "object_poses")
-    builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
-    # What a user's own perception does not tell of, there is none of.
-    wary = (updater, moves, *([] if monitor is None else [monitor]))
-    for name, systems in (("further_poses", (updater,)), ("things", wary), ("turned_away", (health,))):
-        if last.HasOutputPort(name):
-            for system in systems:
-                _connect(builder, last, system, *inputs_of(system, (name,)))
-            builder.ExportOutput(last.GetOutputPort(name), name)
-    return last if isinstance(last, IcpPoseEstimator) else None
 
 
 def _export_beliefs(

@@ -123,7 +123,7 @@ def test_all_stations_have_the_same_ports(tmp_path) -> None:
     plan.replay.log = str(log)
     stations.append(make_station(plan))
     for station in stations:
-        ports.check(station, 7, 2, None)
+        ports.check(station, 7, 2, ())
     assert not any(name.startswith(ports.TRUTH) for s in stations[1:] for name in ports.output_names(s))
 
 

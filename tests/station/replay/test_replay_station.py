@@ -174,7 +174,7 @@ def test_two_contexts_of_a_replay(recorded) -> None:
 
 def test_a_replay_without_the_camera(recorded) -> None:
     station = make_station(replaying(recorded[0], camera=False))
-    ports.check(station, 7, 2, None)
+    ports.check(station, 7, 2, ())
 
 
 @given(st.lists(st.floats(0, 10), min_size=1, max_size=30), st.floats(-1, 11))
@@ -204,7 +204,7 @@ def write_csv(path: Path, **changes) -> Path:  # type: ignore[no-untyped-def]
 def test_a_bare_log_is_played_from_its_first_sample(tmp_path: Path) -> None:
     plan = replaying(write_csv(tmp_path / "log.csv"))
     station = make_station(plan)
-    ports.check(station, 7, 2, "camera")
+    ports.check(station, 7, 2, ("camera",))
     context = station.CreateDefaultContext()
     log = read_log(tmp_path / "log.csv")
 

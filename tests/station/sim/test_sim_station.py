@@ -128,18 +128,18 @@ class Run:
 
 def test_ports_are_those_of_the_contract() -> None:
     station = make_station(scenario())
-    inputs, outputs = ports.expected(7, 2, None)
+    inputs, outputs = ports.expected(7, 2, ())
     assert set(ports.input_names(station)) == set(inputs) | set(ports.OPTIONAL)
     names = ports.output_names(station)
     assert {n for n in names if not n.startswith(ports.TRUTH)} == set(outputs)
     truth = {ports.ARM_STATE, ports.OBJECT_POSES, ports.QUERY_OBJECT, ports.CONTACT_RESULTS}
     assert {n for n in names if n.startswith(ports.TRUTH)} == truth
     with pytest.raises(StationError, match=r"arm\.\w+ has size 7, not 6"):
-        ports.check(station, 6, 2, None)
+        ports.check(station, 6, 2, ())
     with pytest.raises(StationError, match=r"no output port camera\.\w+"):
-        ports.check(station, 7, 2, "camera")
+        ports.check(station, 7, 2, ("camera",))
     with pytest.raises(StationError, match="no input port gripper"):
-        ports.check(make_station(panda_without_hand()), 7, 2, None)
+        ports.check(make_station(panda_without_hand()), 7, 2, ())
 
 
 def panda_without_hand() -> Scenario:

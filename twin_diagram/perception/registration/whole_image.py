@@ -133,7 +133,13 @@ class Outcome:
     things: Array
 
 
-def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told: ImageSettings) -> Outcome:
+def advance(
+    slots: Sequence[Slot],
+    beside: OtherMemory,
+    segments: Segments,
+    told: ImageSettings,
+    elsewhere: Sequence[Placed] = (),
+) -> Outcome:
     """Take an image in.
 
     Args:
@@ -141,6 +147,7 @@ def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told
         beside: all else that is remembered.
         segments: the image taken apart.
         told: what does not change.
+        elsewhere: known objects that another camera sees: what is in their places is no unknown thing.
     """
     first, every = len(slots), told.every
     held = [k for k, one in enumerate(beside.further) if one.identity]
@@ -149,7 +156,7 @@ def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told
     before = [*slots, *(beside.further[k].slot for k in held)]
     after, measured, shift = step(library, before, segments, told.registration, told.smallest, beside.shift)
     after, measured = settled(assets, [one.model.radius for one in every], before, after, measured)
-    known: list[Placed] = []
+    known: list[Placed] = [*elsewhere]
     for k, one in enumerate(measured):
         if one.quality > 0:
             known.append((library[k].model, after[k].R, after[k].p))

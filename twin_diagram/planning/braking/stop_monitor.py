@@ -124,9 +124,11 @@ class StopMonitor(LeafSystem):
         self._radii = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
         self._patience: Final = {
             Cause.STALE_STATE: self._params.state_periods / twin.driver.rate,
-            Cause.STALE_SCENE: np.inf
-            if twin.camera is None
-            else twin.camera.latency + self._params.image_periods / twin.camera.rate,
+            # Of several cameras one that goes on is enough; the slowest may be the one.
+            Cause.STALE_SCENE: max(
+                (one.latency + self._params.image_periods / one.rate for one in twin.perceiving.values()),
+                default=np.inf,
+            ),
             Cause.HANGING_PLANNER: self._params.plan_periods / twin.planner.rate,
         }
         self._period: Final = 1.0 / self._params.rate

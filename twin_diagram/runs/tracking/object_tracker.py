@@ -23,11 +23,12 @@ from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
 from twin_diagram.perception.registration.turned_alike import probability, turned
 from twin_diagram.perception.registration.view import Known, View
-from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, introduced
+from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, introduced
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.perception.things.growing import GrowingThing, grown_on, shown
 from twin_diagram.perception.things.memory import Life
+from twin_diagram.runs.tracking.frame_views import FrameViews
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -176,7 +177,7 @@ class ObjectTracker:
             Life(scene.stale_after, scene.lost_after),
             TUNING.aside,
         )
-        self._beside = OtherMemory.empty(self._told)
+        self._beside, self._views = OtherMemory.empty(self._told), FrameViews()
         self._settings = object_filter.FilterSettings.of(scene)
         self._axes = np.array([[0.0, 0.0, float(a.symmetric_axis == "z")] for a in library.values()]).reshape(-1, 3)
         self._first = [self._individual(k, k) for k in range(len(models))]
@@ -186,8 +187,7 @@ class ObjectTracker:
         """Tracks of unknown things, by identity."""
         self.growing: dict[int, GrowingThing] = {}
         self._grows = grows
-        self._last = NEVER
-        self._seen_any = False
+        self._last, self._seen_any = NEVER, False
         self._next = len(models)
 
     def start(self, name: str, R: Array, p: Array, time: float) -> None:
@@ -250,7 +250,7 @@ class ObjectTracker:
             aside = TUNING.aside * segments.camera.width / 640
             self._beside = replace(self._beside, shift=ColourShift.told(aside))
             self._seen_any = True
-        after = advance(self._slots, self._beside, segments, self._told)
+        after = self._views.advance(self._slots, self._beside, segments, self._told)
         self._slots, self._beside = after.slots, after.beside
         rows = after.further.reshape(-1, FURTHER_MEASUREMENT_SIZE)
         further = {int(row[0]): PoseMeasurement.unpack(row[OWNER_SIZE:]) for row in rows if row[0] > 0}
@@ -305,7 +305,8 @@ class ObjectTracker:
                 continue
             found = measured.quality > 0
             # In view, the picture has the say; what the filter makes of it lags behind what is pushed.
-            pose = measured.pose if found else belief.poses[k]
+            handed = self._slot_of(one).seen == NEVER  # another camera's frame showed where it goes
+            pose = measured.pose if found or handed else belief.poses[k]
             R, p = rotations.matrix(pose[None, :4])[0], pose[4:]
             spread, hypotheses = covariance[k], None
             if found:
@@ -314,8 +315,7 @@ class ObjectTracker:
             model = self._told.every[one.asset].model
             fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
-            slot = self._slot_of(one)
-            usual = slot.alike
+            usual = (slot := self._slot_of(one)).alike
             fits = min(shape, float(fit.likeness[0]) / (TUNING.alike * usual)) if found and usual > 0.0 else shape
             sure = one.believed(found, fits, whole, since) * (probability(slot.odds) if found else 1.0)
             life = ObjectStatus(int(status[k])).name.lower()

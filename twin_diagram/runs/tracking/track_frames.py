@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
@@ -79,6 +80,7 @@ def track_frames(
     grown = None if grow is None else GrownAssets(grow, tracker, assets, numbers, say)
     rows: list[list[str]] = []
     lines: list[str] = []
+    seen_by: dict[int, ViewCamera] = {}
     base: TableFrame | None = None
     noise, doubt = DepthSigma(), CalibrationError()
     for index in range(len(folder)):
@@ -94,10 +96,10 @@ def track_frames(
                 say("note: no table in view; all that is seen counts as standing")
             _start(tracker, told, base.camera(camera), frame.time - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
-        rgb = frame.rgb if frame.rgb is not None else np.full((*depth.shape, 3), 128, dtype=np.uint8)
-        found = tracker.observe(segment(rgb, depth, frame.time, grid, PERCEPTION))
+        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
-        lines.append(json.dumps(_line(frame, found, assets, base, doubt)))
+        seen_by |= {one.track: frame.colour for one in found if one.found}
+        lines.append(json.dumps(_line(frame, found, assets, base, doubt, seen_by)))
         if grown is not None:
             grown.poll(frame.number)
         if (index + 1) % 50 == 0:
@@ -106,6 +108,13 @@ def track_frames(
         grown.close()
     _write(out, rows, lines)
     say(f"{out}: {len(rows)} poses in {len(lines)} frames")
+
+
+def _rgb_of(frame: RgbdFrame) -> npt.NDArray[np.uint8]:
+    """Return a frame's colours (h, w, 3), grey where it has none."""
+    if frame.rgb is not None:
+        return frame.rgb
+    return np.full((frame.colour.height, frame.colour.width, 3), 128, dtype=np.uint8)
 
 
 def _check_told(out: Path, grow: Path | None, seed: int) -> None:
@@ -242,13 +251,18 @@ def _hypothesis(one: PoseHypothesis, base: TableFrame, probability: float) -> di
 
 
 def _line(
-    frame: RgbdFrame, found: list[TrackedObject], assets: Mapping[str, Asset], base: TableFrame, doubt: CalibrationError
+    frame: RgbdFrame,
+    found: list[TrackedObject],
+    assets: Mapping[str, Asset],
+    base: TableFrame,
+    doubt: CalibrationError,
+    seen_by: Mapping[int, ViewCamera],
 ) -> dict[str, Any]:
-    """Return a frame's line of `objects.jsonl`; the camera's doubtful calibration is in all covariances."""
+    """Return a frame's line of `objects.jsonl`; in each covariance is the doubt of the camera that saw it last."""
     turn = np.kron(np.eye(2), base.R_WT)
     objects = []
-    camera = frame.colour
     for one in found:
+        camera = seen_by.get(one.track, frame.colour)
         R, p = base.R_WT @ one.R, base.R_WT @ one.p + base.p_WT
         p_C = ((p - camera.p_WC) @ camera.R_WC)[None]
         shared = shared_covariances(doubt, p_C, camera.R_WC, camera.fx, camera.fy)[0]

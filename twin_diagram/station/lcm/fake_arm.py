@@ -137,7 +137,7 @@ class LcmArm(Diagram):
 
     def _export(self, builder: DiagramBuilder, bus: DrakeLcmInterface, scenario: Scenario) -> None:
         """Send the camera's images over the bus, and show what is true."""
-        station, camera = self.station, scenario.twin.camera
+        station, camera = self.station, ports.only_camera(scenario.twin, "the arm behind LCM sends")
         if camera is not None:
             images = builder.AddNamedSystem("image_sender", ImageSender(bus, scenario.lcm.image_channel, camera))
             builder.Connect(station.GetOutputPort(ports.rgb_image(camera.name)), images.GetInputPort("rgb_image"))

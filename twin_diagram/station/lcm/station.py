@@ -74,7 +74,7 @@ class LcmArmStation(Diagram):
         protocol = PROTOCOLS[spec.arm]
         arm = twin_arm(scenario)
         n, g = len(arm.joints), len(arm.gripper_joints)
-        camera = scenario.twin.camera
+        camera = ports.only_camera(scenario.twin, "the lcm station reads")
         if camera is not None:
             check_camera(camera)
         self.bus = bus if bus is not None else open_bus(spec.url)
@@ -113,7 +113,7 @@ class LcmArmStation(Diagram):
             builder.ExportOutput(eye.GetOutputPort("image_time"), ports.image_time(camera.name))
         builder.BuildInto(self)
         self.set_name("station")
-        ports.check(self, n, g, camera.name if camera else None)
+        ports.check(self, n, g, (camera.name,) if camera else ())
 
 
 def _check(scenario: Scenario) -> None:

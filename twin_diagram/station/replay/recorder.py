@@ -30,14 +30,14 @@ def open_recording(scenario: Scenario, folder: str | Path, rows: BinaryIO | None
         The writer, for `add_recorder`; use it as a context manager about the run.
 
     Raises:
-        ScenarioError: the twin's arm cannot be loaded.
+        ScenarioError: the twin's arm cannot be loaded, or it looks through several cameras.
         StationError: the folder cannot be used.
     """
     plant = MultibodyPlant(0.0)
     arm = twin_arm(scenario, plant)
     last_link = plant.get_body(arm.last_link).name()
     sensors = [ports.of_sensor(sensor, last_link) for sensor in scenario.twin.sensors]
-    camera = scenario.twin.camera
+    camera = ports.only_camera(scenario.twin, "a recording holds")
     recorded = None
     if camera is not None:
         unit = depth_unit(scenario)

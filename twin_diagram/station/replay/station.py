@@ -221,7 +221,7 @@ class ReplayArmStation(Diagram):
         super().__init__()
         path = _existing(scenario.replay.log)
         arm = twin_arm(scenario)
-        camera = scenario.twin.camera
+        camera = ports.only_camera(scenario.twin, "the replay station plays")
         folder = place_of(path) if path.is_dir() else None
         sensors: dict[str, Readings] = {}
         scans: Scans | None = None
@@ -239,7 +239,7 @@ class ReplayArmStation(Diagram):
 
         builder = DiagramBuilder()
         player = builder.AddNamedSystem("messages", MessagePlayer(messages))
-        commands = ports.expected(n, g, None)[0]
+        commands = ports.expected(n, g, ())[0]
         ignored = builder.AddNamedSystem("ignored_commands", IgnoredCommands(commands))
         for name in commands:
             builder.ExportInput(ignored.GetInputPort(name), name)
@@ -262,7 +262,7 @@ class ReplayArmStation(Diagram):
         further = _add_further_sensors(builder, sensors, scans, scenario.twin.lidar)
         builder.BuildInto(self)
         self.set_name("station")
-        ports.check(self, n, g, camera.name if camera else None, further)
+        ports.check(self, n, g, (camera.name,) if camera else (), further)
 
 
 def _existing(log: str) -> Path:

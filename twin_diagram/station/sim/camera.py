@@ -32,7 +32,7 @@ from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station.add_models import transform
 from twin_diagram.station.sim.camera_defects import CameraDefectsSystem, check_defects
 from twin_diagram.station.sim.camera_profiles import faults
-from twin_diagram.station.sim.camera_truth import true_camera
+from twin_diagram.station.sim.camera_truth import true_camera, with_camera
 from twin_diagram.station.sim.exposure_shutter import ExposureShutter
 from twin_diagram.station.sim.merged_shapes import TUNING as MERGED_SHAPES
 from twin_diagram.station.sim.real_camera import RealCamera
@@ -118,15 +118,17 @@ class Shutter(LeafSystem):
     it is asked for, and is a function of the state.
     """
 
-    def __init__(self, positions: Array, rate: float, latency: float) -> None:
+    def __init__(self, positions: Array, rate: float, latency: float, stops: float | None = None) -> None:
         """Build a shutter.
 
         Args:
             positions: (nq,) shown before the first capture.
             rate: captures per second [1/s].
             latency: less than the time between captures [s].
+            stops: nothing is captured from then on [s]; None: it goes on.
         """
         super().__init__()
+        self._stops = np.inf if stops is None else stops
         nq = len(positions)
         self._nq = nq
         self._positions = self.DeclareVectorInputPort("positions", nq)
@@ -139,6 +141,8 @@ class Shutter(LeafSystem):
         self.DeclareVectorOutputPort("capture_time", 1, self._calc_time, prerequisites_of_calc=ticket)
 
     def _capture(self, context: Context, discrete: DiscreteValues) -> None:
+        if context.get_time() >= self._stops:
+            return
         shown = context.get_discrete_state_vector().value()[self._nq + 1 :]
         discrete.set_value(np.concatenate([self._positions.Eval(context), [context.get_time()], shown]))
 
@@ -151,6 +155,13 @@ class Shutter(LeafSystem):
 
     def _calc_time(self, context: Context, output: BasicVector) -> None:
         output[0] = context.get_discrete_state_vector().value()[-1]
+
+
+def add_cameras(
+    builder: DiagramBuilder, scenario: Scenario, world: WorldPlant
+) -> dict[str, CameraDefectsSystem | RealCamera]:
+    """Add the cameras that the twin looks through, by name: see `add_camera`. The others take pictures on demand."""
+    return {name: add_camera(builder, with_camera(scenario, name), world) for name in scenario.twin.perceiving}
 
 
 def add_camera(builder: DiagramBuilder, scenario: Scenario, world: WorldPlant) -> CameraDefectsSystem | RealCamera:
@@ -196,7 +207,8 @@ def _add_real_camera(builder: DiagramBuilder, scenario: Scenario, camera: Camera
     delay = faults(scenario.world.camera_defects).depth_delay / camera.rate
     start = plant.GetPositionsAndVelocities(context)
     shutter = builder.AddNamedSystem(
-        f"{camera.name}_shutter", ExposureShutter(start, camera.rate, camera.latency, delay)
+        f"{camera.name}_shutter",
+        ExposureShutter(start, camera.rate, camera.latency, delay, scenario.world.camera_defects.stops),
     )
     builder.Connect(plant.get_state_output_port(), shutter.get_input_port())
     near, far = camera.depth_range
@@ -215,10 +227,12 @@ def _add_ideal_camera(
 ) -> CameraDefectsSystem:
     """Add a camera whose depth is that of its colours, in time and place."""
     X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
-    poses, scene_graph = build_appearance(builder, scenario)
+    beside = builder.HasSubsystemNamed("appearance")
+    poses, scene_graph = build_appearance(builder, scenario, f"{camera.name}_appearance" if beside else "appearance")
     scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(render_params()))
     start = plant.GetPositions(plant.CreateDefaultContext())
-    shutter = builder.AddNamedSystem(f"{camera.name}_shutter", Shutter(start, camera.rate, camera.latency))
+    stops = scenario.world.camera_defects.stops
+    shutter = builder.AddNamedSystem(f"{camera.name}_shutter", Shutter(start, camera.rate, camera.latency, stops))
     sizes = [plant.num_positions(), plant.num_velocities()]
     state = builder.AddNamedSystem(f"{camera.name}_positions", Demultiplexer(sizes))
     builder.Connect(plant.get_state_output_port(), state.get_input_port())

@@ -8,7 +8,9 @@ import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RotationMatrix
 
+from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.file import copy_scenario
 from twin_diagram.scenario.lenses import colour_lens, depth_lens
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
@@ -35,6 +37,36 @@ class TrueCamera:
     depth: Lens
     X_WD: RigidTransform
     depth_scale: float = 1.0
+
+
+def with_camera(scenario: Scenario, name: str) -> Scenario:
+    """Return a scenario whose one camera is that of a name, as it really is; the scenario itself for ``twin.camera``.
+
+    Each camera's errors and noise are drawn from a seed of its own.
+
+    Args:
+        scenario: of several cameras.
+        name: of ``twin.camera``, or one of ``twin.cameras``.
+
+    Raises:
+        ScenarioError: ``world.cameras`` tells of a camera that the twin does not have.
+    """
+    twin, world = scenario.twin, scenario.world
+    for other in world.cameras:
+        if other not in twin.cameras:
+            told = ", ".join(twin.cameras) or "none"
+            raise ScenarioError(f"world.cameras.{other}", f"none of twin.cameras is called so; these are: {told}")
+    if twin.camera is not None and name == twin.camera.name:
+        return scenario
+    number = 1 + list(twin.cameras).index(name)
+    own = copy_scenario(scenario)
+    own.twin.camera = replace(twin.cameras[name], name=name)
+    told_of = world.cameras.get(name)
+    own.world.X_WC = None if told_of is None else told_of.X_WC
+    if told_of is not None and told_of.defects is not None:
+        own.world.camera_defects = told_of.defects
+    own.seed = scenario.seed * 101 + number
+    return own
 
 
 def true_camera(scenario: Scenario) -> TrueCamera:

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.geometry import DepthRange
 
 from twin_diagram.errors import StationError
 from twin_diagram.native import require_egl
-from twin_diagram.scenario import Camera, Scenario
-from twin_diagram.scenario.file import copy_scenario
+from twin_diagram.scenario import Scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station.depth_units import Colour, Depth
 from twin_diagram.station.sim.camera import check_camera, clipping, render_params
 from twin_diagram.station.sim.camera_defects import check_defects
 from twin_diagram.station.sim.camera_light import DimLight
 from twin_diagram.station.sim.camera_profiles import faults
-from twin_diagram.station.sim.camera_truth import TrueCamera, true_camera
+from twin_diagram.station.sim.camera_truth import TrueCamera, true_camera, with_camera
 from twin_diagram.station.sim.real_camera import DepthSensor
 from twin_diagram.station.sim.world_renderer import LensView, WorldRenderer
 
@@ -48,10 +47,10 @@ class CamerasOnDemand:
         """
         cameras = scenario.twin.cameras
         for name, camera in cameras.items():
-            check_camera(camera, f"twin.cameras.{name}")
-            check_defects(camera, scenario.world.camera_defects)
+            check_camera(replace(camera, name=name), f"twin.cameras.{name}")
+            check_defects(camera, with_camera(scenario, name).world.camera_defects)
         require_egl()
-        self._eyes = {name: _eye(scenario, camera, 1 + k) for k, (name, camera) in enumerate(cameras.items())}
+        self._eyes = {name: _eye(scenario, name) for name in cameras}
         if not cameras:
             return
         widest = max(cameras.values(), key=lambda camera: camera.depth_range[1])
@@ -79,14 +78,12 @@ class CamerasOnDemand:
         return colour, depth
 
 
-def _eye(scenario: Scenario, camera: Camera, number: int) -> _Eye:
+def _eye(scenario: Scenario, name: str) -> _Eye:
     """Return a camera; each one's errors are drawn from a seed of its own."""
-    own = copy_scenario(scenario)
-    own.twin.camera = camera
-    own.world.X_WC = None
-    own.seed = scenario.seed * 101 + number
-    truth, defects = true_camera(own), scenario.world.camera_defects
-    off = faults(defects)
+    own = with_camera(scenario, name)
+    camera, defects = own.twin.camera, own.world.camera_defects
+    assert camera is not None
+    truth, off = true_camera(own), faults(defects)
     return _Eye(
         truth,
         (LensView(truth.colour), LensView(truth.depth)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram.signals.arrays import Array
@@ -26,7 +27,9 @@ class ExposureShutter(LeafSystem):
     first. Depth of the first frame is that of the start.
     """
 
-    def __init__(self, start: Array, rate: float, latency: float, delay: float = 0.0) -> None:
+    def __init__(
+        self, start: Array, rate: float, latency: float, delay: float = 0.0, stops: float | None = None
+    ) -> None:
         """Build a shutter.
 
         Args:
@@ -34,8 +37,10 @@ class ExposureShutter(LeafSystem):
             rate: captures per second [1/s].
             latency: less than the time between captures [s].
             delay: at most the time between captures [s].
+            stops: nothing is captured from then on [s]; None: it goes on.
         """
         super().__init__()
+        self._stops = np.inf if stops is None else stops
         nx = len(start)
         self._delayed = delay > 0.0
         self._state = self.DeclareVectorInputPort("state", nx)
@@ -60,6 +65,8 @@ class ExposureShutter(LeafSystem):
         discrete.set_value(self._early, self._state.Eval(context))
 
     def _capture(self, context: Context, discrete: DiscreteValues) -> None:
+        if context.get_time() >= self._stops:
+            return
         now = self._state.Eval(context)
         early = context.get_discrete_state(self._early).value() if self._delayed else now
         for index, value in zip(self._taken, (now, early, [context.get_time()]), strict=True):

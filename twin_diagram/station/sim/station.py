@@ -8,7 +8,7 @@ from twin_diagram.model.effects import Motors, connect
 from twin_diagram.scenario import Scenario
 from twin_diagram.station import ports
 from twin_diagram.station.sim.arm_sensors import ArmSensors
-from twin_diagram.station.sim.camera import add_camera
+from twin_diagram.station.sim.camera import add_cameras
 from twin_diagram.station.sim.driver import ArmDriver, NominalGravity
 from twin_diagram.station.sim.lidar import add_lidar
 from twin_diagram.station.sim.link_sensors import add_link_sensors
@@ -51,7 +51,8 @@ class SimStation(Diagram):
 
     Torques are the motors', or, where ``twin.driver.torque_side`` is `link`, what the gears pass on. Commands may stay
     unconnected: the arm then holds its pose. The arm's messages come at ``twin.driver.rate``; images
-    are captured at k / rate and delivered ``twin.camera.latency`` later. IMU and wrench are there where
+    are captured at k / rate and delivered `latency` later, of each camera that the twin looks through
+    (``twin.perceiving``); one is rendered only where somebody asks for it. IMU and wrench are there where
     ``twin.sensors`` names them, the lidar's ranges where there is a ``twin.lidar``.
 
     Attributes:
@@ -101,12 +102,11 @@ class SimStation(Diagram):
             builder.ExportInput(driver.GetInputPort("gripper_commanded"), ports.GRIPPER_COMMANDED)
             builder.ExportInput(driver.GetInputPort("gripper_force_limit"), ports.GRIPPER_FORCE_LIMIT)
             builder.ExportOutput(sensors.GetOutputPort("gripper_measured"), ports.GRIPPER_MEASURED)
-        camera = scenario.twin.camera
-        if camera is not None:
-            images = add_camera(builder, scenario, world)
-            builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(camera.name))
-            builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(camera.name))
-            builder.ExportOutput(images.GetOutputPort("image_time"), ports.image_time(camera.name))
+        cameras = add_cameras(builder, scenario, world)
+        for name, images in cameras.items():
+            builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(name))
+            builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(name))
+            builder.ExportOutput(images.GetOutputPort("image_time"), ports.image_time(name))
         further = add_link_sensors(builder, plant, arm, scenario) | add_lidar(builder, world, scenario)
         poses = builder.AddNamedSystem("true_poses", TruePoses(list(world.objects.values())))
         builder.Connect(plant.get_body_poses_output_port(), poses.get_input_port())
@@ -116,7 +116,7 @@ class SimStation(Diagram):
         builder.ExportOutput(plant.get_contact_results_output_port(), ports.CONTACT_RESULTS)
         builder.BuildInto(self)
         self.set_name("station")
-        ports.check(self, n, g, camera.name if camera else None, further)
+        ports.check(self, n, g, tuple(cameras), further)
 
 
 def _torque(builder: DiagramBuilder, scenario: Scenario, world: WorldPlant, motors: Motors) -> OutputPort:

@@ -80,23 +80,26 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     return world
 
 
-def build_appearance(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPositionToGeometryPose, SceneGraph]:
+def build_appearance(
+    builder: DiagramBuilder, scenario: Scenario, name: str = "appearance"
+) -> tuple[MultibodyPositionToGeometryPose, SceneGraph]:
     """Add a second SceneGraph that shows the world at any positions of its plant, whatever the plant itself does.
 
     Args:
         builder: of the station.
         scenario: the one whose world was built.
+        name: of the SceneGraph, in the builder.
 
     Returns:
         A system that takes positions (nq, as the world's plant orders them), and the SceneGraph that shows them.
     """
-    scene_graph = builder.AddNamedSystem("appearance", SceneGraph())
+    scene_graph = builder.AddNamedSystem(name, SceneGraph())
     plant = MultibodyPlant(scenario.world.time_step)
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     _populate(plant, scene_graph, scenario)
     source = plant.get_source_id()
     merge_shapes(scene_graph, source)
-    poses = builder.AddNamedSystem("appearance_poses", MultibodyPositionToGeometryPose(plant))
+    poses = builder.AddNamedSystem(f"{name}_poses", MultibodyPositionToGeometryPose(plant))
     builder.Connect(poses.get_output_port(), scene_graph.get_source_pose_port(source))
     return poses, scene_graph
 

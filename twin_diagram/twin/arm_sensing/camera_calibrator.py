@@ -171,10 +171,17 @@ def add_calibrator(
     camera: scenario.Camera,
     perception: scenario.Perception,
     packages: Mapping[str, str | Path] | None = None,
+    *,
+    beside: bool = False,
 ) -> CameraCalibrator:
-    """Add a calibrator to the twin, with the camera's images; `arm_state` is left to be connected."""
-    calibrator = builder.AddNamedSystem("camera_calibrator", CameraCalibrator(arm, camera, perception, packages))
+    """Add a calibrator to the twin, with the camera's images; `arm_state` is left to be connected.
+
+    Where there are others `beside` it, it and its output have the camera's name, too.
+    """
+    own = f"camera_calibrator_{camera.name}" if beside else "camera_calibrator"
+    calibrator = builder.AddNamedSystem(own, CameraCalibrator(arm, camera, perception, packages))
     for port, name in (("depth_image", ports.depth_image), ("image_time", ports.image_time)):
         builder.ConnectInput(name(camera.name), calibrator.GetInputPort(port))
-    builder.ExportOutput(calibrator.GetOutputPort("calibration"), "calibration")
+    told = f"{camera.name}.calibration" if beside else "calibration"
+    builder.ExportOutput(calibrator.GetOutputPort("calibration"), told)
     return calibrator

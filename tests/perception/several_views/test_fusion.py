@@ -1,0 +1,126 @@
+"""Several cameras' measurements of one object become one, which claims what it may."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from twin_diagram.perception.several_views.fusion import SeenBy, fuse
+from twin_diagram.signals import rotations
+from twin_diagram.signals.layouts import NEVER, PoseMeasurement
+
+Array = npt.NDArray[np.float64]
+RNG = np.random.default_rng(5)
+
+
+def seen(
+    step: list[float] | Array = (0.0,) * 6,
+    noise: float = 1e-3,
+    rest: float = 0.0,
+    quality: float = 0.9,
+    time: float = 1.0,
+    velocity: list[float] | None = None,
+    odds: float = 3.0,
+    period: float = 1.0 / 15.0,
+) -> SeenBy:
+    """An object at `step` (turn, shift) from a place; `noise` and `rest` are standard deviations."""
+    step = np.asarray(step, dtype=float)
+    pose = np.concatenate([rotations.exp(step[:3]), [0.5, 0.1, 0.05] + step[3:]])
+    measured = PoseMeasurement(quality, time, pose, noise**2 * np.eye(6))
+    speed = np.zeros(6) if velocity is None else np.array(velocity)
+    return SeenBy(measured, rest**2 * np.eye(6), speed, odds, period)
+
+
+def place(fused: object) -> Array:
+    return np.asarray(fused.measured.pose[4:]) - [0.5, 0.1, 0.05]  # type: ignore[attr-defined]
+
+
+def test_one_that_finds_it_is_passed_on_as_it_is() -> None:
+    one, blind = seen(rest=2e-3), seen(quality=0.0)
+    fused = fuse([blind, one])
+    assert fused.measured is one.measured and fused.rest is one.rest
+    np.testing.assert_array_equal(fused.weights, [np.zeros((6, 6)), np.eye(6)])
+
+
+def test_poses_are_weighted_by_noise_and_calibration_together() -> None:
+    fused = fuse([seen([0, 0, 0, 4e-3, 0, 0], noise=1e-3, rest=0.0), seen(noise=1e-3, rest=np.sqrt(2.0) * 1e-3)])
+    np.testing.assert_allclose(place(fused), [3e-3, 0, 0], atol=1e-12)  # variances of 1 and 3
+    assert fused.rest is not None
+    np.testing.assert_allclose(fused.rest[0, 0], 2e-6 / 16, rtol=1e-6)
+    np.testing.assert_allclose(fused.measured.covariance[0, 0], (9 + 1) / 16 * 1e-6, rtol=1e-6)
+    np.testing.assert_allclose(fused.weights.sum(axis=0), np.eye(6), atol=1e-12)
+
+
+def test_each_direction_is_told_by_who_sees_it_best() -> None:
+    """Two cameras at right angles, each a tenth as sure along its line of sight."""
+    first, second = seen([0, 0, 0, 5e-3, 0, 0]), seen([0, 0, 0, 0, 5e-3, 0])
+    first.measured.covariance[3, 3], second.measured.covariance[4, 4] = 1e-4, 1e-4
+    assert np.abs(place(fuse([first, second]))).max() < 1e-4
+
+
+def test_the_claim_holds_over_many_draws() -> None:
+    """Squared errors over the claimed covariance, noise and rest together: χ² of 6."""
+    squares = []
+    for _ in range(400):
+        cameras = []
+        for _ in range(2):
+            A, B = (RNG.standard_normal((6, 6)) * s for s in (5e-4, 1e-3))
+            noise, rest = A @ A.T + 1e-8 * np.eye(6), B @ B.T + 1e-8 * np.eye(6)
+            one = seen(RNG.multivariate_normal(np.zeros(6), noise + rest))
+            cameras.append(
+                SeenBy(PoseMeasurement(0.9, 1.0, one.measured.pose, noise), rest, np.zeros(6), 3.0, 1.0 / 15.0)
+            )
+        fused = fuse(cameras)
+        assert fused.rest is not None
+        off = np.concatenate([rotations.difference(fused.measured.pose[:4], rotations.exp(np.zeros(3))), place(fused)])
+        squares.append(off @ np.linalg.solve(fused.measured.covariance + fused.rest, off))
+    assert 5.4 < np.mean(squares) < 6.6
+
+
+def test_what_cannot_be_seen_is_no_evidence_and_what_is_seen_empty_is() -> None:
+    hidden, empty = seen(quality=0.0, time=1.02), seen(quality=-0.8, time=1.0)
+    fused = fuse([hidden, empty])
+    assert fused.measured.quality == -0.8 and fused.measured.time == 1.0  # of that image, to be counted once
+    assert fuse([hidden, seen(quality=0.9)]).measured.quality == 0.9
+    assert fuse([empty, seen(quality=0.9)]).measured.quality == 0.9
+    assert fuse([hidden, seen(quality=0.0)]).measured.quality == 0.0
+    assert fuse([seen(quality=0.0, time=NEVER)] * 2).measured.time == NEVER
+
+
+def test_a_camera_that_fell_silent_counts_no_more() -> None:
+    silent, goes_on = seen([0, 0, 0, 0.01, 0, 0], time=1.0), seen(time=1.4)
+    assert fuse([silent, goes_on]).measured is goes_on.measured
+    assert fuse([seen(quality=-0.9, time=1.0), seen(quality=0.0, time=1.4)]).measured.quality == 0.0
+
+
+def test_what_moves_is_where_the_newest_image_shows_it() -> None:
+    before = seen(time=0.97, velocity=[0, 0, 0, 0.2, 0, 0])
+    newest = seen([0, 0, 0, 6e-3, 0, 0], time=1.0, velocity=[0, 0, 0, 0.2, 0, 0])
+    assert fuse([before, newest]).measured is newest.measured
+
+
+@pytest.mark.parametrize("step", [[0, 0, 0, 0.06, 0, 0], [0, 0, 3.0, 0, 0, 0]])
+def test_of_two_that_contradict_each_other_one_is_believed(step: list[float]) -> None:
+    sure, wrong = seen(noise=5e-4, odds=4.0), seen(step, odds=0.5)
+    for both in ([sure, wrong], [wrong, sure]):
+        assert fuse(both).measured is sure.measured
+
+
+def test_a_round_thing_is_not_turned_by_being_seen_from_two_sides() -> None:
+    fused = fuse([seen(), seen([0, 0, 2.5, 2e-3, 0, 0])], symmetric_about_z=True)
+    np.testing.assert_allclose(place(fused), [1e-3, 0, 0], atol=1e-9)
+    assert rotations.difference(fused.measured.pose[:4], np.array([1.0, 0, 0, 0])) == pytest.approx(np.zeros(3))
+
+
+def test_what_is_farther_apart_than_claimed_is_claimed_less() -> None:
+    near = fuse([seen(noise=1e-3, rest=1e-3), seen([0, 0, 0, 1e-3, 0, 0], noise=1e-3, rest=1e-3)])
+    far = fuse([seen(noise=1e-3, rest=1e-3), seen([0, 0, 0, 0.03, 0, 0], noise=1e-3, rest=1e-3)])
+    assert near.rest is not None and far.rest is not None
+    assert np.trace(far.rest) > 5.0 * np.trace(near.rest)
+
+
+def test_pictures_in_turn_are_not_counted_twice() -> None:
+    together = fuse([seen(), seen()])
+    in_turn = fuse([seen(), seen(time=0.97)])
+    np.testing.assert_allclose(in_turn.measured.covariance, 2.0 * together.measured.covariance)
