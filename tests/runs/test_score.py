@@ -301,6 +301,15 @@ def test_the_goal_counts_at_the_end(error: float, angle: float, reached: bool) -
     assert within(result)["reached"] is reached
 
 
+def test_a_missed_goal_says_why_where_that_is_known() -> None:
+    result = summary(record(goal_error=np.full(T, 0.6461), goal_angle=np.zeros(T)))
+    assert "goal       missed, 646.1 mm off\n" in table(result)
+    result["goal"] |= {"why": "at the goal the arm would come within 9 mm of cracker_box and keeps 10 mm"}
+    assert (
+        "goal       missed, 646.1 mm off: at the goal the arm would come within 9 mm of cracker_box and keeps 10 mm"
+    ) in table(result).splitlines()
+
+
 def test_without_a_goal_none_is_reached() -> None:
     nothing = np.full(T, np.nan)
     result = summary(record(goal_error=nothing, goal_angle=nothing))

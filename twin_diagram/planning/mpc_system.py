@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,14 +10,14 @@ from typing import Final, cast
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort, State
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, State
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
-from twin_diagram.planning.collision.collision_scene import load_scene
+from twin_diagram.planning.collision.collision_scene import holders, load_scene
 from twin_diagram.planning.collision.held_shape import obstacles_beside
 from twin_diagram.planning.mpc.arm_torque import ArmTorque
 from twin_diagram.planning.mpc.limits import limits_of
@@ -26,6 +26,7 @@ from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.warm_up import warm_up
+from twin_diagram.planning.paths.no_way import Hindrance, HindranceKind
 from twin_diagram.planning.paths.search_process import SearchProcess
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
@@ -193,6 +194,28 @@ class Mpc(ModelUser[Model]):
         """Return whether the arm rests because what searches for ways has failed and does not work again yet."""
         return self.memory(context).braked
 
+    def why_no_way(self, context: Context, name: Callable[[int, int, int], str]) -> Hindrance | None:
+        """Return why no way to the goal is known; None where one is, where there is no goal, or nobody knows yet.
+
+        It takes a tenth of a search, for whoever looks between steps: no tick does.
+
+        Args:
+            context: of this system.
+            name: what objects and things are called, as `Names.of`.
+        """
+        memory = self.memory(context)
+        planner, arm, tracks, further, things = self._surroundings(context)
+        if not (memory.stuck and np.isfinite(arm).all()):
+            return None
+        scene = planner.scene
+        found = planner.guide.why_no_way(arm[: self._n], scene.forecast(tracks, further, things), memory.goals)
+        found = replace(found, holding=planner is not self.planner)
+        if found.reason is not HindranceKind.BLOCKED or found.body is None:
+            return found
+        fixtures = [body.name for body in scene.clearance.bodies[: scene.fixture_count]]
+        names = fixtures + [name(*each) for each in holders(scene.object_count, further, things)]
+        return replace(found, name=names[found.body])
+
     @contextmanager
     def searching_beside(self, *, waits: bool = True) -> Iterator[None]:
         """Have ways be searched for in a process of their own, which starts and ends with the `with` statement.
@@ -228,17 +251,7 @@ class Mpc(ModelUser[Model]):
             return EventStatus.DidNothing()
         now = context.get_time()
         goal = np.array(self._goal_in.Eval(context)) if now >= self._start - 1e-9 else np.zeros(POSE_SIZE)
-        arm, tracks = np.array(self._arm_in.Eval(context)), np.array(self._tracks_in.Eval(context))
-        further, things = (np.array(port.Eval(context)) if port.HasValue(context) else None for port in self._beside())
-        planner = self.planner
-        if self._hand_in.HasValue(context):
-            hand = Hand.unpack(np.array(self._hand_in.Eval(context)))
-            if np.isfinite(arm).all():
-                chain = planner.scene.chain
-                X_WT = chain.tool(chain.place(arm[None, : self._n]))[0]
-                tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
-            if hand.held != NOTHING:
-                planner = planner.holding(replace(hand, touched=NOTHING).pack().tobytes())
+        planner, arm, tracks, further, things = self._surroundings(context)
         memory = self.memory(context)
         brake = np.array(self._brake_in.Eval(context)) if self._brake_in.HasValue(context) else np.zeros(1)
         if brake[0]:
@@ -249,8 +262,21 @@ class Mpc(ModelUser[Model]):
         state.get_mutable_abstract_state(int(self._pending)).set_value(memory.pending)
         return EventStatus.Succeeded()
 
-    def _beside(self) -> tuple[InputPort, InputPort]:
-        return self._further_in, self._things_in
+    def _surroundings(self, context: Context) -> tuple[MotionPlanner, Array, Array, Array | None, Array | None]:
+        """Return who plans now, with what is held in its hand, the arm's state, and what is to be kept clear of."""
+        arm, tracks = np.array(self._arm_in.Eval(context)), np.array(self._tracks_in.Eval(context))
+        beside = self._further_in, self._things_in
+        further, things = (np.array(port.Eval(context)) if port.HasValue(context) else None for port in beside)
+        planner = self.planner
+        if self._hand_in.HasValue(context):
+            hand = Hand.unpack(np.array(self._hand_in.Eval(context)))
+            if np.isfinite(arm).all():
+                chain = planner.scene.chain
+                X_WT = chain.tool(chain.place(arm[None, : self._n]))[0]
+                tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
+            if hand.held != NOTHING:
+                planner = planner.holding(replace(hand, touched=NOTHING).pack().tobytes())
+        return planner, arm, tracks, further, things
 
     def _latch(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         """Hold the arm where it is from the first message on, before there is a plan."""

@@ -89,7 +89,7 @@ def seed_line(summary: Mapping[str, Any], kept: Mapping[str, bool]) -> str:
         f"{summary['seed']:>5} {worst('position_error_mm') + ' mm':>22} {worst('rotation_error_deg') + ' °':>22} "
         f"{summary['clearance_min_mm'] or 0:>6.0f} {goal['error_mm'] or 0:>7.1f} "
         f"{weighed:>16}  " + (", ".join(name for name, good in kept.items() if not good) or "all")
-    )
+    ) + (f": {goal['why']}" if "why" in goal else "")
 
 
 def _summaries(tasks: list[Task], jobs: int) -> Iterator[dict[str, Any]]:

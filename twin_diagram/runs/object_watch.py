@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context
 
+from twin_diagram.planning.tasks.step_state import FOR_WANT_OF_A_WAY
 from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_of
 from twin_diagram.twin.twin import TwinDiagram
@@ -16,9 +17,14 @@ from twin_diagram.twin.twin import TwinDiagram
 class ObjectWatch:
     """Looks at a twin's objects and things between steps."""
 
-    def __init__(self, twin: TwinDiagram, note: Callable[[Mapping[str, Any]], None]) -> None:
-        """`note` takes the events."""
-        self._twin, self._note = twin, note
+    def __init__(
+        self,
+        twin: TwinDiagram,
+        note: Callable[[Mapping[str, Any]], None],
+        no_way: Callable[[float], str | None] = lambda time: None,
+    ) -> None:
+        """`note` takes the events; `no_way` says why no way led to the goal at a time [s], where none did."""
+        self._twin, self._note, self._no_way = twin, note, no_way
         self._newest = -1.0
         self._newest_step = -1.0
         self._steps: list[dict[str, Any]] = []
@@ -33,11 +39,17 @@ class ObjectWatch:
             self._note(event)
             self._newest = event["time"]
         steps = self._twin.step_events(own)
-        fresh = [event for event in steps if event["time"] > self._newest_step]
+        fresh = [self._explained(event) for event in steps if event["time"] > self._newest_step]
         for event in fresh:
             self._note(event)
             self._newest_step = event["time"]
         self._steps += fresh
+
+    def _explained(self, event: dict[str, Any]) -> dict[str, Any]:
+        """Return what is told of a step, with what was in its way where it ended for want of one."""
+        words = event.get("why")
+        more = self._no_way(event["time"]) if words in FOR_WANT_OF_A_WAY else None
+        return event | {"why": f"{words}: {more}"} if more else event
 
     def task_told(self, context: Context) -> dict[str, Any]:
         """Return how the task stands and what happened to its steps; empty where it has none."""
@@ -47,6 +59,8 @@ class ObjectWatch:
         own = self._twin.diagram.GetMyContextFromRoot(context)
         standing = runner.standing(self._twin.diagram.GetSubsystemContext(runner, own))
         events = [{key: value for key, value in event.items() if key != "event"} for event in self._steps]
+        if "why" in standing and events and events[-1]["what"] == "failed":
+            standing["why"] = events[-1]["why"]
         return {"task": standing | {"events": events}}
 
     def told(self, context: Context) -> dict[str, Any]:

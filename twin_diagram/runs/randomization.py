@@ -15,8 +15,10 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.retexture import retexture
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
+from twin_diagram.runs.goal_room import HandShape, kept_at_goal
 from twin_diagram.scenario import Pose, Scenario, WayPoint
 from twin_diagram.scenario.file import copy_scenario
+from twin_diagram.scenario.poses import pose
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.signals.arrays import Array
 
@@ -32,7 +34,7 @@ class Tuning:
     """Free table between any two objects [m]."""
 
     free_around_tool: float = 0.10
-    """Objects stand no nearer than this to where the tool starts and where it goes [m]."""
+    """Objects stand no nearer than this to where the tool starts and where it goes [m]; see also `goal_room`."""
 
     payload_mass: tuple[float, float] = (0.2, 1.5)
     """Between these the payload is drawn [kg]; a Panda may carry 3."""
@@ -69,8 +71,10 @@ def vary(base: Scenario, seed: int, folder: str | Path) -> Scenario:
     start = model.tool_pose(np.array(twin.home or np.zeros(len(model.joints)))).translation()[:2]
     goal = np.array(twin.task.X_WG.translation[:2]) if twin.task.X_WG else start
     sizes = {item.asset: Asset.load(item.asset).size for item in world.objects.values()}
+    hand = HandShape.of(twin.arm, scenario.packages) if twin.task.X_WG else None
     for _ in range(400):
-        if _draw_places(scenario, sizes, start, goal, rng):
+        # Whole draws are rejected, so that those that leave the hand its room are what they were without the rule.
+        if _draw_places(scenario, sizes, start, goal, rng) and (hand is None or _has_room(scenario, sizes, hand)):
             return scenario
     raise ScenarioError("world.objects", f"{len(world.objects)} objects find no room on the table (seed {seed})")
 
@@ -128,6 +132,16 @@ def _draw_places(
         else:
             item.X_WO = Pose([float(way[0, 0]), float(way[0, 1]), height / 2], [0.0, 0.0, yaw])
     return True
+
+
+def _has_room(scenario: Scenario, sizes: dict[str, Array], hand: HandShape) -> bool:
+    """Tell whether objects, where they end, leave the hand at its goal what the planner always keeps."""
+    goal = scenario.twin.task.X_WG
+    if goal is None:
+        return True
+    X_WG, kept = pose(goal).GetAsMatrix4(), kept_at_goal(scenario.twin.planner)
+    ends = [(item.path[-1].X_WO if item.path else item.X_WO, item.asset) for item in scenario.world.objects.values()]
+    return all(hand.distance(X_WG, pose(X_WO).GetAsMatrix4(), sizes[asset]) >= kept for X_WO, asset in ends)
 
 
 def _draw_way(start: Array, goal: Array, rng: np.random.Generator) -> Array:

@@ -23,6 +23,7 @@ from twin_diagram.estimation.filter.parameter_status import standings
 from twin_diagram.logs import read_log
 from twin_diagram.runs.brake_watch import BrakeWatch
 from twin_diagram.runs.camera_score import camera_told
+from twin_diagram.runs.goal_watch import GoalWatch, explained
 from twin_diagram.runs.growth_watch import GrowthWatch
 from twin_diagram.runs.health_watch import HealthWatch
 from twin_diagram.runs.object_watch import ObjectWatch
@@ -184,37 +185,39 @@ def _simulate(
     """
     duration, health = loop.scenario.duration, HealthWatch(loop.twin, say)
     progress = Progress(duration, quiet)
-    objects, brakes = ObjectWatch(loop.twin, leave.event), BrakeWatch(loop.twin, leave.event)
-    searches = SearchWatch(loop.twin, leave.event)
+    searches, goals = SearchWatch(loop.twin, leave.event), GoalWatch(loop.twin, leave.event)
+    objects, brakes = ObjectWatch(loop.twin, leave.event, goals.why), BrakeWatch(loop.twin, leave.event)
     score = TaskScore(loop) if loop.twin.runner is not None and loop.scenario.station == "sim" else None
 
     def each(context: Context) -> None:
         between(context)
         growth.poll(context)
         health.poll(context)
+        goals.poll(context)
         objects.poll(context)
         brakes.poll(context)
         searches.poll(context)
         if score is not None:
             score.poll(context)
 
-    def told() -> dict[str, Any]:
+    def told(so_far: dict[str, Any]) -> dict[str, Any]:
         context = simulator.get_context()
-        lacks = health.told(context) + searches.told()
+        lacks = health.told(context) + searches.told() + goals.health()
         besides = {"things": objects.told(context), "health": lacks} | brakes.told(context) | growth.told()
         task = objects.task_told(context)
         if score is not None:
             task["task"] |= score.told(context)
-        return camera_told(loop, context) | besides | task
+        goal = explained(so_far, goals.why(context.get_time()))
+        return so_far | camera_told(loop, context) | besides | task | goal
 
     if loop.scenario.station == "sim":
         trial = run_trial(loop, simulator, duration, progress, each)
-        summary = summary_of(loop, trial, trial.timing()) | told() | _stopped(trial.stop)
+        summary = told(summary_of(loop, trial, trial.timing())) | _stopped(trial.stop)
         progress.done()
         say(table(summary))
         return trial.stop, trial, summary
     stop = _advance(simulator, duration, progress, each)
-    summary = beliefs(loop, simulator.get_context()) | told() | _stopped(stop)
+    summary = told(beliefs(loop, simulator.get_context())) | _stopped(stop)
     progress.done()
     say(json.dumps(summary, indent=2))
     return stop, None, summary

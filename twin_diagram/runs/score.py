@@ -251,7 +251,7 @@ def table(summary: Mapping[str, Any]) -> str:
         f"payload    {figure(payload['mass_estimated'], '.3f')} ± {figure(payload['mass_std'], '.3f')} kg{truth}"
     )
     if goal["error_mm"] is not None:
-        lines.append(f"goal       {'reached' if goal['reached'] else 'missed'}, {goal['error_mm']:.1f} mm off")
+        lines.append(_goal_line(goal))
     if "task" in summary:
         lines += task_lines(summary["task"])
     else:
@@ -281,6 +281,12 @@ def table(summary: Mapping[str, Any]) -> str:
         shares = ", ".join(f"{name} {share:.0%}" for name, share in timing["systems"].items())
         lines.append(f"speed      {timing['real_time_factor']:.2f} × real time ({shares})")
     return "\n".join(lines)
+
+
+def _goal_line(goal: Mapping[str, Any]) -> str:
+    """Return whether the goal was reached, and where that is known, why not."""
+    why = f": {goal['why']}" if "why" in goal else ""
+    return f"goal       {'reached' if goal['reached'] else 'missed'}, {goal['error_mm']:.1f} mm off{why}"
 
 
 def task_lines(task: Mapping[str, Any]) -> list[str]:

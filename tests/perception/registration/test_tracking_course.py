@@ -24,6 +24,12 @@ PARAMS = scenario.Registration(reach=0.021)
 P = np.array([0.5, 0.1, 0.05])
 
 
+@pytest.fixture(autouse=True)
+def on_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing here is in the air; `test_mistaken` tells what is."""
+    monkeypatch.setattr(tracking, "floats", lambda known, view, one: False)
+
+
 def pose(p: Any = P, **changes: Any) -> RegisteredPose:
     sure = 1e-14 * np.eye(6)
     return replace(RegisteredPose(np.eye(3), np.asarray(p, dtype=float), sure, 0.9, 0.9, 1.0, 300.0), **changes)
@@ -50,7 +56,7 @@ class Image:
         monkeypatch.setattr(tracking, "nearby", self.nearby)
         monkeypatch.setattr(where_expected, "assess", self.assess)
         for module in (tracking, where_expected):
-            monkeypatch.setattr(module, "stands_out", lambda *one: True)
+            monkeypatch.setattr(module, "stands_out", lambda *one, **anew: True)
         self.ahead = 20.0
 
     def assess(self, cloud: Any, image: Any, poses: Any, count: int, level: int, slack: float) -> Any:
@@ -234,6 +240,32 @@ def test_a_doubtful_pose_gives_way_to_its_challenger_one_in_an_image(monkeypatch
     assert after[1].attempts == 3 and after[1].next_search > 1.1, "the next challenge waits"
 
 
+@pytest.mark.parametrize(("lost", "whose"), [(0.45, 1), (2.0, 0)])
+def test_a_challenger_where_an_alike_was_lost_is_that_one(
+    monkeypatch: pytest.MonkeyPatch, lost: float, whose: int
+) -> None:
+    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments, shift: "frame"))
+    monkeypatch.setattr(tracking, "follow_known", lambda *_: {0: pose(P, shape=0.95, quality=0.5)})
+    monkeypatch.setattr(tracking, "unexplained_by", lambda library, found, segments: np.zeros(40, dtype=bool))
+    monkeypatch.setattr(tracking, "regain_lost", lambda *_: {})
+    monkeypatch.setattr(tracking, "challenger", lambda *_: pose(P + 0.5))
+    slots = [slot(p=P), slot(p=P + lost, seen=0.2, next_search=9.0)]
+    image: Any = SimpleNamespace(time=1.1, labels=np.zeros(40))
+    after, results, _ = tracking.step([KNOWN] * 2, slots, image, PARAMS, 99)
+    np.testing.assert_allclose(after[whose].p, P + 0.5)
+    np.testing.assert_allclose(after[1 - whose].p, slots[1 - whose].p)
+    assert results[whose].quality == 0.9
+
+
+@pytest.mark.parametrize(("after", "near", "just"), [(0.067, 0.08, True), (0.2, 0.24, True), (0.4, 0.48, False)])
+def test_how_far_what_is_carried_can_have_got_grows_with_time(after: float, near: float, just: bool) -> None:
+    known = tracking.aloft(slot((0.0,) * 5 + (0.3,), seen=1.0, alike=0.7), 1.0 + after)
+    assert known.near == pytest.approx(near, rel=0.01) and known.just_lost == just
+    there, apart = known.p + [0.0, 0.9 * near, 0.0], known.p + [0.0, 1.1 * near, 0.0]
+    assert known.may_be(pose(there)) and not known.may_be(pose(apart))
+    assert not known.may_be(pose(there, likeness=0.2, shape=1.0))
+
+
 def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 
@@ -250,12 +282,12 @@ def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_slot_comes_back_from_its_vector() -> None:
-    one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3, 0.8, 2.0)
+    one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3, 0.8, 2.0, True)
     packed = one.pack()
-    assert packed.shape == (SLOT_SIZE,) == (19,)
+    assert packed.shape == (SLOT_SIZE,) == (20,)
     back = Slot.unpack(packed)
     assert (back.known, back.seen, back.next_search, back.attempts) == (True, 1.5, 2.5, 3)
-    assert (back.alike, back.odds) == (0.8, 2.0)
+    assert (back.alike, back.odds, back.aloft) == (0.8, 2.0, True)
     for name in ("R", "p", "velocity"):
         np.testing.assert_allclose(getattr(back, name), getattr(one, name), atol=1e-12)
     assert not Slot.unpack(Slot().pack()).known

@@ -129,6 +129,23 @@ def test_a_further_instance_whose_place_stays_empty_frees_its_slot(library: tupl
     assert held[3:8] == [1] * 5 and held[-1] == 0 and near(places(out[-1])[0], stays.p[:2])
 
 
+def test_what_is_recognised_where_an_alike_was_lost_is_that_one(library: tuple[Known, ...]) -> None:
+    a, b = standing(SUGAR, A, 0.4), standing(SUGAR, B, -0.5)
+    told = ImageSettings(library, scenario.Registration(), 60, scenario.Slots(), Life(0.2, 0.5))
+    out = run(library, [shot([a, b], k) for k in range(3)])[-1]
+    # Turned by more than registration finds back, and no search of its own is due.
+    lost = {"R": yawed(-0.5 + 1.3), "seen": -1.0, "next_search": 99.0}
+    memory, beside = [replace(out.slots[0], **lost)], out.beside
+    if near(places(out)[1], B):
+        memory = list(out.slots)
+        further = [replace(one, slot=replace(one.slot, **lost)) if one.identity else one for one in beside.further]
+        beside = replace(beside, further=tuple(further))
+    for k in range(3, 12):
+        out = advance(memory, beside, shot([a, b], k), told)
+        memory, beside = out.slots, out.beside
+    assert set(places(out)) == {0, 1} and beside.identities[0] == 2
+
+
 def thing_inside(pieces: tuple[Array, ...], thing: Thing) -> float:
     """Share of a thing's volume that its pieces hold."""
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (2000, 3)) * thing.asset.size @ thing.R.T + thing.p

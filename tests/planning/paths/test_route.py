@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from twin_diagram.planning.paths.route import Aim, Route, Router, RouteTuning, Situation
+from twin_diagram.planning.paths.route import STEEP, Aim, Route, Router, Situation
+from twin_diagram.planning.paths.route_tuning import RouteTuning
 from twin_diagram.signals.arrays import Array
 
 SPEED = np.array([1.0, 0.5])
@@ -90,6 +91,35 @@ def test_samples_stay_within_a_turn_and_the_limits() -> None:
     router, _ = world(Wall())
     np.testing.assert_allclose(router._lower, [-np.pi, -1.0])
     np.testing.assert_allclose(router._upper, [2.9, 2.5])
+
+
+class Lifting(Router):
+    """Lifts along joint 2."""
+
+    def lifted(self, q: Array, height: float) -> Array:
+        return np.asarray(q + [0.0, height])
+
+
+def test_a_way_over_goes_straight_up_and_down_where_its_ends_are_narrow() -> None:
+    """Close to a wall the way to a lifted middle, or from it, runs into it; from farther off it does not."""
+    _, scene = world(Wall(top=0.5))
+    router = Lifting(scene, SPEED, RouteTuning(over=1, lifts=(0.3, 0.8), resolution=0.02))
+    for start, way in (
+        ([0.9, 0.0], [[0.9, 0.8], [1.45, 0.8], [2.0, 0.0]]),
+        ([0.1, 0.1], [[1.05, 0.85], [2.0, 0.0]]),
+        ([0.9, 0.0], [[0.9, 0.8], [1.3, 0.8], [1.3, 0.0]]),
+    ):
+        now = situation(start, way[-1:])
+        free, wanted = router._free_goals(now)
+        plain = router._over(now, free, wanted)
+        assert (plain is not None) == (len(way) == 2)
+        found = plain if plain is not None else router._over(now, free, wanted, STEEP)
+        assert found is not None
+        np.testing.assert_allclose(found, way)
+        assert router.first_blocked(now, found, wanted[0]) is None
+        searched = router.search(now, np.random.default_rng(0))
+        times = [router.travel(now.q, Route(Aim.GOAL, points)).duration for points in (searched, found)]
+        assert len(searched) and times[0] <= times[1] + 1e-9
 
 
 def test_the_first_blocked_moment_is_when_a_margin_is_lost() -> None:

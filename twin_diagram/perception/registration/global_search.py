@@ -71,9 +71,6 @@ class Tuning:
     least_points: int = 60
     """Nor one of which fewer model points fit."""
 
-    tilt: float = 0.45
-    """In the air an object may have turned by so much, and twice as much, since it was seen last [rad]."""
-
     alignments: int = 3
     """Colours are aligned to depth in so many steps, of two pixels at most."""
 
@@ -165,7 +162,7 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
     turn = exp(np.stack([np.zeros(TUNING.yaws), np.zeros(TUNING.yaws), yaw], axis=1))
     R: Array = (turn[None] @ R_rest[:, None]).reshape(-1, 3, 3)
     height = np.repeat([h for _, h in orientations], TUNING.yaws)
-    r, offset = _shown(model, R, towards)
+    r, offset = shown_by(model, R, towards)
     across = (r @ side).max(axis=1) - (r @ side).min(axis=1)
     along = (points_W - centre) @ side
     low, high = np.percentile(along, [2.0, 98.0])
@@ -219,32 +216,7 @@ def search(
     return best_of(model, frame, laid, thin, RESTING, params)
 
 
-def afloat(model: ModelCloud, frame: Frame, points_W: Array, R: Array, params: scenario.Registration) -> Found | None:
-    """Look for one object in one segment, in the air, turned somehow as it was when it was seen last.
-
-    Args:
-        model: the object.
-        frame: the image.
-        points_W: (N, 3) the segment's points.
-        R: (3, 3) R_WO when it was seen last.
-        params: tuning.
-
-    Returns:
-        The best pose, whatever its score; None where the segment is far too large for the object or nothing fits.
-    """
-    spread = np.linalg.norm(points_W - points_W.mean(axis=0), axis=1)
-    if np.median(spread) > 2.0 * model.radius + params.reach:
-        return None
-    turn = TUNING.tilt * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    R_any = exp(np.concatenate([turn, 2.0 * turn[1:]])) @ R
-    towards = frame.camera.p_WC - points_W.mean(axis=0)
-    towards /= np.linalg.norm(towards)
-    p = points_W.mean(axis=0) - _shown(model, R_any, towards)[1]
-    thin = points_W[:: max(1, len(points_W) // TUNING.thin)]
-    return best_of(model, frame, Poses(R_any, p), thin, information(0.3, 0.05), params)
-
-
-def _shown(model: ModelCloud, R: Array, towards: Array) -> tuple[Array, Array]:
+def shown_by(model: ModelCloud, R: Array, towards: Array) -> tuple[Array, Array]:
     """Return what a camera `towards` (3,) in W sees of an object turned by R (B, 3, 3), from O.
 
     Returns:

@@ -11,11 +11,34 @@ import numpy.typing as npt
 from twin_diagram import scenario
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_SEARCH
-from twin_diagram.perception.registration.global_search import Found, afloat, search
+from twin_diagram.perception.registration.global_search import Found, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
+from twin_diagram.perception.registration.search_aloft import afloat
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Aloft:
+    """An object that is looked for in the air.
+
+    Attributes:
+        R, p: (3, 3), (3,) X_WO when it was seen last [m].
+        usual: how much it looked like itself; 0: not known.
+        near: how far from there it can be by now [m].
+        just_lost: it was there a moment ago: then less is accepted.
+    """
+
+    R: Array
+    p: Array
+    usual: float
+    near: float
+    just_lost: bool = False
+
+    def may_be(self, one: RegisteredPose) -> bool:
+        """Return whether a pose can be where it has got to, and looks like it."""
+        return float(np.linalg.norm(one.p - self.p)) <= self.near and looks_like_itself(one, self.usual)
 
 
 @dataclass(frozen=True)
@@ -27,6 +50,13 @@ class Tuning:
 
     accept: float = 0.6
     """Least score of an object that is recognised."""
+
+    aloft: float = 0.6
+    """What looks less like itself than others do, before this camera and in this light, is accepted with a score as
+    much lower where it was a moment ago, down to this share: half hidden cups before a D435 had 0.55 …"""
+
+    alone: float = 0.8
+    """… if so much of it is to be seen and what is seen there is its own: of a can on a forearm it is 0.55."""
 
     coloured: float = 0.6
     """What looks like itself to a smaller share of what is usual is another thing: where 0.7 to 0.8 of what fits in
@@ -73,7 +103,7 @@ def recognise(
     free: npt.NDArray[np.bool_],
     params: scenario.Registration,
     smallest: int,
-    floating: Mapping[int, tuple[Array, float]] | None = None,
+    floating: Mapping[int, Aloft] | None = None,
 ) -> dict[int, Found]:
     """Find wanted objects in what no tracked object explains.
 
@@ -85,8 +115,7 @@ def recognise(
         free: (N,) the segments' points that no object explains.
         params: tuning.
         smallest: points that a segment must have left.
-        floating: of objects that are looked for in the air instead, R_WO (3, 3) when they were seen last, and how much
-            they looked like themselves.
+        floating: of objects that are looked for in the air instead, what is known of them, by the object's number.
 
     Returns:
         What was found, by the object's number; each segment's points go to one object alone.
@@ -101,9 +130,8 @@ def recognise(
         for s in sorted(likeness, key=lambda s: -likeness[s]):
             points = segments.points_W[members[s]]
             if floating is not None and k in floating:
-                R, usual = floating[k]
-                result = afloat(model, frame, points, R, params)
-                result = result if result is not None and looks_like_itself(result.registration, usual) else None
+                result = afloat(model, frame, points, floating[k].R, params)
+                result = result if result is not None and floating[k].may_be(result.registration) else None
             else:
                 result = search(model, frame, points, list(orientations.get(k, ())), params)
             if result is None:
@@ -117,13 +145,21 @@ def recognise(
             free[_owned(model, segments, best)] = False
     # The rest in the order of their scores, each only where its segment is still there.
     for (k, _), result in sorted(tried.items(), key=lambda item: -item[1].score):
-        if k in found or result.score < TUNING.accept:
+        discount = _discount(floating[k], result) if floating is not None and k in floating else 1.0
+        if k in found or result.score < TUNING.accept * discount:
             continue
         own_points = _owned(wanted[k], segments, result)
         if int(free[own_points].sum()) >= max(smallest // 2, len(own_points) // 2):
             found[k] = result
             free[own_points] = False
     return found
+
+
+def _discount(known: Aloft, found: Found) -> float:
+    """Return by which share less is accepted of what usually looks as much less like itself, and was there just now."""
+    if not known.just_lost or known.usual <= 0.0 or found.score < TUNING.alone * found.registration.quality:
+        return 1.0
+    return float(np.clip(known.usual / TUNING.usual, TUNING.aloft, 1.0))
 
 
 def _owned(model: ModelCloud, segments: Segments, found: Found) -> npt.NDArray[np.int64]:

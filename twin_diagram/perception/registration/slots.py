@@ -14,8 +14,8 @@ from twin_diagram.perception.registration.rotation import exp, from_quaternion, 
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
 
-SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1
-"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds."""
+SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1 + 1
+"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds, aloft."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,9 @@ class Tuning:
     learns: float = 0.1
     """Share of the newest image in how much an object looks like itself."""
 
+    itself: float = 0.6
+    """What looks like itself to less than this share of that is not learnt from: `recognition`'s."""
+
     open: float = 0.4
     """Share of an object that is seen where that is learnt."""
 
@@ -68,6 +71,7 @@ class Slot:
         attempts: searches since it was last seen.
         alike: how much it looks like itself before this camera, in this light, of what fits in shape; 0: not known.
         odds: logarithm of the odds that it is not one of its turns that leave the shape alike; see `turned_alike`.
+        aloft: it was in the air when it was seen last, be it at rest: something holds it.
     """
 
     known: bool = False
@@ -79,10 +83,11 @@ class Slot:
     attempts: int = 0
     alike: float = 0.0
     odds: float = 0.0
+    aloft: bool = False
 
     def pack(self) -> Array:
         """Return the slot as a vector (SLOT_SIZE,)."""
-        tail = [self.seen, self.next_search, float(self.attempts), self.alike, self.odds]
+        tail = [self.seen, self.next_search, float(self.attempts), self.alike, self.odds, float(self.aloft)]
         return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail])
 
     @staticmethod
@@ -98,6 +103,7 @@ class Slot:
             attempts=int(vector[16]),
             alike=float(vector[17]),
             odds=float(vector[18]),
+            aloft=bool(vector[19] > 0.5),
         )
 
 
@@ -126,10 +132,15 @@ def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
 
 
 def _alike(before: float, result: RegisteredPose) -> float:
-    """Return how much an object looks like itself, from image to image; half hidden it says nothing of that."""
+    """Return how much an object looks like itself, from image to image; half hidden it says nothing of that.
+
+    What suddenly looks far less like itself is another thing that it lies on, or a hand before it.
+    """
     if result.shape <= 0.0 or result.visible_share < TUNING.open:
         return before
     newest = result.likeness / result.shape
+    if newest < TUNING.itself * before:
+        return before
     return newest if before == 0.0 else (1.0 - TUNING.learns) * before + TUNING.learns * newest
 
 

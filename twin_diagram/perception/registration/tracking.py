@@ -12,7 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
-from twin_diagram.perception.registration.recognition import looks_like_itself, recognise
+from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, measurement, postponed, seen
@@ -20,6 +20,7 @@ from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.registration.where_expected import (
     believable,
+    floats,
     register_where_expected,
     stands_out,
     unmistaken,
@@ -53,6 +54,9 @@ class Tuning:
 
     carried: float = 5.0
     """What was lost while it moved is looked for in the air for so long [s]."""
+
+    fastest: float = 1.2
+    """What is carried goes no faster [m/s]: `where_expected`'s largest step at 15 Hz."""
 
     slipped: float = 0.06
     """An object that was lost just now is looked for among points this far beyond its own radius [m]."""
@@ -91,28 +95,28 @@ def step(
     if len(tracked) < len(library):
         free = unexplained_by(library, tracked, segments)
         tracked |= regain_lost(library, slots, tracked, view, free)
-        searched = [k for k, slot in enumerate(slots) if k not in tracked and time >= slot.next_search]
+        searched = [k for k, slot in enumerate(slots) if k not in tracked and due(slot, time)]
         if int(free.sum()) < smallest:
             searched = []
         recognised = search_for(library, slots, searched, view, free)
     challenged = doubted(slots, tracked, time)
     for k in challenged[:1]:
-        other = challenger(library[k], slots[k], tracked[k], view, unexplained_by(library, tracked, segments))
-        if other is not None:
-            recognised[k] = other
-            searched = [*searched, k]
-            del tracked[k]
+        whose = _challenge(k, library, slots, tracked, recognised, view)
+        if whose is not None:
+            searched = [*(j for j in searched if j != whose), whose]
 
     after = list(slots)
     for k in searched:
-        # How fast it is, a search cannot say.
-        after[k] = (
-            seen(Slot(alike=slots[k].alike), recognised[k], time)
-            if k in recognised
-            else postponed(slots[k], time, params)
-        )
+        # How fast it is, a search cannot say, but where it was a moment ago does.
+        one = recognised.get(k)
+        went_on = one is not None and just_lost(slots[k], time) and aloft(slots[k], time).may_be(one)
+        before = slots[k] if went_on else Slot(alike=slots[k].alike)
+        if one is not None:
+            after[k] = _seen(library[k], before, one, view)
+        elif k in challenged or not just_lost(slots[k], time):
+            after[k] = postponed(slots[k], time, params)
     for k, pose in tracked.items():
-        after[k] = seen(slots[k], pose, time)
+        after[k] = _seen(library[k], slots[k], pose, view)
         if doubtful(pose, slots[k].alike):
             was = postponed(slots[k], time, params) if k in challenged[:1] else slots[k]
             after[k] = replace(after[k], next_search=was.next_search, attempts=was.attempts)
@@ -121,6 +125,10 @@ def step(
     # Depth of what moves may be late, which lays its colours aside by more.
     rests = [pose.evidence for k, pose in tracked.items() if not np.any(slots[k].velocity)]
     return after, measured, learnt(shift, [one for one in rests if one is not None])
+
+
+def _seen(known: Known, before: Slot, one: RegisteredPose, view: View) -> Slot:
+    return replace(seen(before, one, view.segments.time), aloft=floats(known, view, one))
 
 
 def follow_known(library: Sequence[Known], slots: Sequence[Slot], view: View) -> dict[int, RegisteredPose]:
@@ -192,7 +200,7 @@ def search_for(
         free,
         view.params,
         view.smallest,
-        {k: (slots[k].R, slots[k].alike) for k in wanted if carried(slots[k], time) and slots[k].attempts % 3 == 0},
+        {k: aloft(slots[k], time) for k in wanted if in_the_air(slots[k], time)},
     )
     return {
         k: unmistaken(library[k], view, one.registration)
@@ -203,20 +211,72 @@ def search_for(
 
 def _convincing(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
     """Return whether a search is believed: what was seen before must look like itself, not only be of its shape."""
-    return stands_out(known, view, one, slot.alike) and looks_like_itself(one, slot.alike)
+    return stands_out(known, view, one, slot.alike, anew=True) and looks_like_itself(one, slot.alike)
 
 
 def carried(slot: Slot, time: float) -> bool:
-    """Return whether an object that is lost was moving, and may be in the air."""
-    return slot.known and bool(np.any(slot.velocity)) and time - slot.seen < TUNING.carried
+    """Return whether an object that is lost was moving or held, and may be in the air."""
+    return slot.known and (slot.aloft or bool(np.any(slot.velocity))) and time - slot.seen < TUNING.carried
+
+
+def just_lost(slot: Slot, time: float) -> bool:
+    """Return whether an object is lost that was carried in one of the last images."""
+    return carried(slot, time) and time - slot.seen <= SLOTS.coast
+
+
+def due(slot: Slot, time: float) -> bool:
+    """Return whether an object that is lost is searched for in this image: in each while it cannot be far off."""
+    return time >= slot.next_search or just_lost(slot, time)
+
+
+def in_the_air(slot: Slot, time: float) -> bool:
+    """Return whether this search of an object that is lost looks in the air: all at once, every third later."""
+    return carried(slot, time) and (just_lost(slot, time) or slot.attempts % 3 == 0)
+
+
+def aloft(slot: Slot, time: float) -> Aloft:
+    """Return what is known of an object that is looked for in the air."""
+    near = max(EXPECTED.largest_step[1], TUNING.fastest * (time - slot.seen))
+    return Aloft(slot.R, slot.p, slot.alike, near, just_lost(slot, time))
+
+
+def _challenge(
+    k: int,
+    library: Sequence[Known],
+    slots: Sequence[Slot],
+    tracked: dict[int, RegisteredPose],
+    recognised: dict[int, RegisteredPose],
+    view: View,
+) -> int | None:
+    """Search object k anew, whose pose is doubtful; what is found goes from `tracked` to `recognised`.
+
+    Returns:
+        Whose pose it is, that object's or an alike's; None where nothing fits clearly better.
+    """
+    free = unexplained_by(library, tracked, view.segments)
+    other = challenger(library[k], slots[k], tracked[k], view, free)
+    if other is None:
+        return None
+    whose = _nearest_alike(k, other, library, slots, tracked)
+    recognised[whose] = other
+    tracked.pop(whose, None)
+    return whose
+
+
+def _nearest_alike(
+    k: int, one: RegisteredPose, library: Sequence[Known], slots: Sequence[Slot], found: Mapping[int, RegisteredPose]
+) -> int:
+    """Return which of those that look like object k a pose is: k, or a lost one that was nearer to it."""
+    alikes = [j for j, other in enumerate(library) if other is library[k] and j not in found and slots[j].known]
+    return min([k, *alikes], key=lambda j: (float(np.linalg.norm(slots[j].p - one.p)), j != k))
 
 
 def orientations(known: Known, slot: Slot, time: float) -> list[tuple[Array, float]]:
     """Return how an object may lie where it is searched for: things mostly stand, every other time they lie."""
-    turns = [known.upright, known.fallen]
-    if carried(slot, time):
-        turns = [[], *turns]
-    return turns[slot.attempts % len(turns)]
+    if in_the_air(slot, time):
+        return []
+    standing = slot.attempts % 3 - 1 if carried(slot, time) else slot.attempts % 2
+    return (known.upright, known.fallen)[standing]
 
 
 def doubtful(one: RegisteredPose, usual: float) -> bool:
@@ -251,8 +311,8 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     label = label_of(segments, own)
     mask = free.copy()
     mask[own] = True
-    ways = {0: (known.upright, known.fallen)[slot.attempts % 2]}
-    floating = {0: (slot.R, slot.alike)} if slot.attempts % 3 == 2 and carried(slot, time) else None
+    ways = {0: orientations(known, slot, time)}
+    floating = {0: aloft(slot, time)} if in_the_air(slot, time) else None
     found = recognise({0: known.model}, ways, segments, view.frame, mask, view.params, view.smallest, floating).get(0)
     points = segments.points_W[segments.labels == label]
     if found is None or found.likeness < one.likeness * judged(known.model, points, one) + TUNING.better:
@@ -273,4 +333,4 @@ def register_around(known: Known, slot: Slot, view: View, free: Mask) -> Registe
     )
     if found is None or not believable(found.registration, view.params, slot.R, slot.p):
         return None
-    return found.registration if stands_out(known, view, found.registration, slot.alike) else None
+    return found.registration if _convincing(known, slot, view, found.registration) else None

@@ -32,7 +32,7 @@ from twin_diagram.perception.things import memory as things
 from twin_diagram.perception.things.clusters import Placed, clusters, unexplained
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, PoseMeasurement
-from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, THING_SIZE
+from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, OWNER_SIZE, THING_SIZE
 
 HEAD: Final = 4 + COLOUR_SHIFT_SIZE
 """Numbers before the slots: next identities of an instance and of a thing; instances and things turned away; the
@@ -170,7 +170,11 @@ def advance(slots: Sequence[Slot], beside: OtherMemory, segments: Segments, told
         if waiting:
             k = min(waiting, key=lambda k: (remembered[k].searches, k))
             of = found[observed.cluster_of[k]]
-            remembered[k] = _compared(remembered[k], of, segments, told, pool, among, usual, shift)
+            remembered[k], asset, pose = _compared(remembered[k], of, segments, told, among, usual, shift)
+            if pose is not None:
+                pose = unweighed(among[asset].model, pose)
+                if not _found_again(asset, pose, among[asset].model.radius, after, measured, first, pool):
+                    pool.take_in(asset, pose, segments.time)
     identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
     out = [one.thing.pack() for one in remembered]
     return Outcome(
@@ -220,19 +224,45 @@ def _compared(
     of: npt.NDArray[np.int64],
     segments: Segments,
     told: ImageSettings,
-    pool: _Pool,
     among: Mapping[int, Known],
     usual: Mapping[int, float],
     shift: ColourShift,
-) -> things.Remembered:
-    """Compare a thing, which points `of` show, with known objects; what is recognised gets a slot of the pool."""
+) -> tuple[things.Remembered, int, RegisteredPose | None]:
+    """Compare a thing, which points `of` show, with known objects; return it, which one it is (-1: none), and where."""
     asset, pose, searches = recognised(
         among, of, thing.searches, segments, told.registration, told.smallest, usual, shift
     )
-    if pose is not None:
-        pool.take_in(asset, unweighed(among[asset].model, pose), segments.time)
     wait = segments.time + INSTANCES.again if searches < 0 else NEVER
-    return replace(thing, searches=max(searches, 0), next_search=wait)
+    return replace(thing, searches=max(searches, 0), next_search=wait), asset, pose
+
+
+def _found_again(
+    asset: int,
+    pose: RegisteredPose,
+    radius: float,
+    after: list[Slot],
+    measured: list[PoseMeasurement],
+    first: int,
+    pool: _Pool,
+) -> bool:
+    """Give what was recognised where one of its kind was lost to that one; return whether there is such a one."""
+    place = INSTANCES.same_place * radius
+    now = measured[0].time if measured else NEVER
+
+    def lost_here(one: PoseMeasurement, slot: Slot) -> bool:
+        return one.quality <= 0.0 and slot.known and bool(np.linalg.norm(slot.p - pose.p) < place)
+
+    if asset < first and lost_here(measured[asset], after[asset]):
+        after[asset] = seen(after[asset], pose, now)
+        measured[asset] = measurement(after[asset], pose, now)
+        return True
+    for k, one in enumerate(pool.slots):
+        quality = PoseMeasurement.unpack(pool.rows[k][OWNER_SIZE:])
+        if one.identity and one.asset == asset and lost_here(quality, one.slot):
+            slot = seen(one.slot, pose, now)
+            pool.keep(k, replace(one, gone_since=NEVER, slot=slot), measurement(slot, pose, now))
+            return True
+    return False
 
 
 def _kept(instance: Instance, slot: Slot, one: PoseMeasurement, forget_after: float) -> Instance:

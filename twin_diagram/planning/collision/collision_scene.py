@@ -23,7 +23,7 @@ from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
-from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_of
+from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, Thing, things_of
 
 
 @dataclass(frozen=True)
@@ -124,13 +124,12 @@ class Scene:
         """
         forecast = Forecast.of_tracks(tracks, shapes=self.clearance.bodies[self.fixture_count :])
         parts: list[tuple[tuple[Body, ...], Forecast]] = []
-        if further is not None and len(further):
-            rows = np.asarray(further, dtype=float).reshape(-1, FURTHER_TRACK_SIZE)
-            rows = rows[np.isfinite(rows[:, :OWNER_SIZE]).all(axis=1) & (rows[:, 0] > 0)]
+        rows = _further_rows(further)
+        if rows is not None:
             shapes = tuple(self._kind(int(k), self.added if added is None else added) for k in rows[:, 1])
             parts.append((shapes, Forecast.of_tracks(rows[:, OWNER_SIZE:], shapes=shapes)))
-        if things is not None and np.isfinite(things).all():
-            standing = [thing for thing in things_of(things) if thing.stands and thing.pieces]
+        standing = _standing(things)
+        if standing:
             shapes = tuple(body_of_pieces(*(corners.tobytes() for corners in thing.pieces)) for thing in standing)
             parts.append((shapes, Forecast.standing_still(len(standing), TUNING.thing_growth)))
         return forecast.joined(parts)
@@ -139,6 +138,35 @@ class Scene:
         """Return the shape of an object by its number."""
         kinds = self.clearance.bodies[self.fixture_count :]
         return kinds[number] if number < len(kinds) else body_of_pieces(*added[number - len(kinds)])
+
+
+def _further_rows(further: Array | None) -> Array | None:
+    """Return the rows of `further` that somebody holds; None where there is no such port."""
+    if further is None or not len(further):
+        return None
+    rows = np.asarray(further, dtype=float).reshape(-1, FURTHER_TRACK_SIZE)
+    return rows[np.isfinite(rows[:, :OWNER_SIZE]).all(axis=1) & (rows[:, 0] > 0)]
+
+
+def _standing(things: Array | None) -> list[Thing]:
+    """Return the unknown things that are to be kept clear of."""
+    if things is None or not np.isfinite(things).all():
+        return []
+    return [thing for thing in things_of(things) if thing.stands and thing.pieces]
+
+
+def holders(objects: int, further: Array | None, things: Array | None) -> list[tuple[int, int, int]]:
+    """Return whose the bodies of `Scene.forecast` are, in its order: row, identity, kind, as `Names.of` takes them.
+
+    Args:
+        objects: K, the size of the library.
+        further: as `Scene.forecast` takes it.
+        things: the same.
+    """
+    rows = _further_rows(further)
+    more = [] if rows is None else [(objects, int(row[0]), int(row[1])) for row in rows]
+    unknown = [(objects, thing.identity, -1) for thing in _standing(things)]
+    return [*((k, 0, k) for k in range(objects)), *more, *unknown]
 
 
 @lru_cache(maxsize=TUNING.kept)

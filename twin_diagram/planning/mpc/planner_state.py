@@ -59,6 +59,11 @@ class Memory:
     braked: bool = False
     pending: Question | None = None
 
+    @property
+    def stuck(self) -> bool:
+        """Whether there is a goal, a search has answered, and no way to it is known; not where searching has failed."""
+        return bool(np.any(self.goal)) and self.heard and not self.braked and not self.route.to_goal
+
     @staticmethod
     def size(n: int, knots: int) -> int:
         """Return the length of the packed vector."""

@@ -12,6 +12,7 @@ import numpy as np
 from twin_diagram.planning.collision.collision_scene import Forecast, Packed, Scene
 from twin_diagram.planning.collision.held_shape import holding
 from twin_diagram.planning.paths import inverse_kinematics, straight_line
+from twin_diagram.planning.paths.no_way import Hindrance, distances_at_ends, why_no_way
 from twin_diagram.planning.paths.route import Router, Situation
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import Hand
@@ -174,6 +175,11 @@ class Guide:
     def straight_way(self, q: Array, goal: Array) -> Array:
         """Return way points (W, n) that take the tool straight to a goal (7,) near by; W = 0: see `straight_line`."""
         return straight_line.straight_way(self.scene.chain, q, _pose(goal), self.scene.lower, self.scene.upper)
+
+    def why_no_way(self, q: Array, forecast: Forecast, goals: Array) -> Hindrance:
+        """Return why no way leads from an arm that is at (n,) to joint goals (G, n), when none does; G may be zero."""
+        now = self.situation(q, forecast, goals)
+        return why_no_way(distances_at_ends(self.router, now), self.router.wanted_at(now))
 
     def answer(self, question: Question) -> Answer:
         """Return what a search finds."""

@@ -9,14 +9,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.paths import rrt_connect
+from twin_diagram.planning.paths.route_tuning import RouteTuning
 from twin_diagram.planning.paths.time_optimal import SpeedProfile, profile
 from twin_diagram.signals.arrays import Array, Ints
+
+STEEP: Final = ((True, False), (True, True))
+"""Shapes of ways over things: straight up at first, and straight down at the end as well."""
 
 
 class Aim(IntEnum):
@@ -47,48 +52,6 @@ class Route:
     def none(n: int) -> Route:
         """Nowhere to go."""
         return Route(Aim.NOTHING, np.zeros((0, n)))
-
-
-@dataclass(frozen=True)
-class RouteTuning:
-    """How routes are found and kept."""
-
-    resolution: float = 0.10
-    """Between checked configurations on a straight line [rad]."""
-    spare: float = 0.02
-    """A new route keeps this much more than the margin [m] …"""
-    blocked: float = 0.6
-    """… and is given up where this share of the margin is not kept."""
-    horizon: float = 2.0
-    """An end must stay free for this long from now [s]."""
-    checks: int = 1800
-    """Of the global planner, in one search."""
-    direct: int = 3
-    """Goals to which a straight line is tried."""
-    over: int = 2
-    """Goals to which a way is tried that lifts the tool in the middle …"""
-    lifts: tuple[float, ...] = (0.06, 0.12, 0.18, 0.24, 0.32)
-    """… by this much [m]: things on a table are passed over …"""
-    lift_steps: int = 3
-    """… found in so many steps of Gauss and Newton: a rough height will do."""
-    roomier: float = 1.0
-    """A goal with nothing within the clearance is worth so much longer a way than one that touches something [s]."""
-    dwell: tuple[float, ...] = (0.0, 0.4, 0.8)
-    """The global planner wants a configuration free at these times after the earliest arrival [s]."""
-    near_future: float = 0.8
-    """A route that is blocked later than this is followed as far as it goes, for want of a better one [s]."""
-    way_point_reached: float = 0.05
-    """A way point this near is passed [rad]: half a checked step."""
-    way_point_near: float = 0.3
-    """From this near a way point is dropped where the way beyond is just free [rad]: the motion rounds corners off."""
-    line_acceleration: float = 0.8
-    """Straight lines in space are set off along with this share of the acceleration …"""
-    line_braking: float = 0.2
-    """… and braked on with this share of that: the arm follows late, and would run past their end."""
-    station_reached: float = 0.01
-    """A way point of a straight line this near is passed [rad]: a fifth of what lies between two."""
-    refuge_tries: int = 48
-    """Configurations that are tried as a refuge in one tick: as much time as a few checks of a route."""
 
 
 @dataclass(frozen=True)
@@ -240,14 +203,17 @@ class Router:
         return self._aside(route, now, coarse, rng), bool(len(free))
 
     def search(self, now: Situation, rng: np.random.Generator) -> Array:
-        """Return way points (W, n) to one of the goals, straight or as the global planner finds them; W = 0: none."""
+        """Return way points (W, n) to one of the goals: plain ones, else the quickest found; W = 0: none."""
         free, wanted = self._free_goals(now)
         found = self._plain(now, free, wanted)
+        plain = found is not None
         roomy = free[now.at_goals[free, :-1].min(axis=1, initial=np.inf) >= now.clearance]
         for goals in (roomy, free) if len(roomy) < len(free) else (free,):
             if found is None and len(goals):
                 least: Array = wanted[goals].min(axis=0)
                 found = self._search(now, now.goals[goals], least, rng)
+        if not plain:
+            found = self._quickest(now, found, self._over(now, free, wanted, STEEP))
         return np.zeros((0, len(now.q))) if found is None else found
 
     def follows(self, points: Array, now: Situation) -> bool:
@@ -256,12 +222,17 @@ class Router:
         coarse = now.allowed(now.margins(now.goal_of(route)), self.tuning.blocked)
         return self.first_blocked(now, points, coarse) is None
 
+    def wanted_at(self, now: Situation) -> Array:
+        """Return the margins (G, B + 1) that must be kept at each of the goals, for a way to lead there [m]."""
+        rows = [now.allowed(now.margins(g, self.tuning.spare)) for g in range(len(now.goals))]
+        return np.array(rows).reshape(-1, len(now.here))
+
     def _free_goals(self, now: Situation) -> tuple[Ints, Array]:
         """Return which goals are free, the nearest first, and the margins (G, B + 1) that are wanted at each."""
         count = len(now.goals)
         if not count:
             return np.zeros(0, dtype=int), np.zeros((0, len(now.here)))
-        wanted = np.stack([now.allowed(now.margins(g, self.tuning.spare)) for g in range(count)])
+        wanted = self.wanted_at(now)
         free = np.flatnonzero(self.ends_free(now, now.goals, wanted))
         far = (np.abs(now.goals[free] - now.q) / self.speed).max(axis=1)
         tight = 1.0 - now.at_goals[free, :-1].min(axis=1, initial=now.clearance) / now.clearance
@@ -279,17 +250,33 @@ class Router:
         direct = self._direct(now, free, wanted)
         if direct is not None and np.array_equal(direct[0], now.goals[free[0]]):
             return direct
-        ways = [way for way in (direct, self._over(now, free, wanted)) if way is not None]
-        return min(ways, key=lambda way: self.travel(now.q, Route(Aim.GOAL, way)).duration, default=None)
+        over = self._over(now, free, wanted)
+        if over is None and direct is not None:  # straight to a goal farther off: perhaps around the arm's own back
+            over = self._over(now, free, wanted, STEEP)
+        return self._quickest(now, direct, over)
 
-    def _over(self, now: Situation, free: Ints, wanted: Array) -> Array | None:
-        """Return a way (2, n) to one of the nearest free goals that lifts the tool, no more than need be; else None."""
-        for height in self.tuning.lifts:
-            for g in free[: self.tuning.over]:
-                middle = self.lifted(0.5 * (now.q + now.goals[g]), height)
-                way = np.stack([middle, now.goals[g]])
-                if self.first_blocked(now, way, wanted[g]) is None:
-                    return way
+    def _quickest(self, now: Situation, *ways: Array | None) -> Array | None:
+        every = [way for way in ways if way is not None]
+        return min(every, key=lambda way: self.travel(now.q, Route(Aim.GOAL, way)).duration, default=None)
+
+    def _over(
+        self, now: Situation, free: Ints, wanted: Array, shapes: tuple[tuple[bool, bool], ...] = ((False, False),)
+    ) -> Array | None:
+        """Return a way (W, n) to one of the nearest free goals that lifts the tool, no more than need be; else None.
+
+        Over a lifted middle; of `shapes` those that rise go straight up at first, to the nearest goal alone, as a hand
+        that turns between things that stand close to it would come nearer to them; those that fall end straight down.
+        """
+        goals = free[: self.tuning.over]
+        for rises, falls in shapes if len(goals) else ():
+            for height in self.tuning.lifts:
+                up = self.lifted(now.q, height) if rises else now.q
+                for g in goals[:1] if rises else goals:
+                    goal = now.goals[g]
+                    middle = self.lifted(goal if falls else 0.5 * (now.q + goal), height)
+                    way = np.stack([up, middle, goal] if rises else [middle, goal])
+                    if self.first_blocked(now, way, wanted[g]) is None:
+                        return way
         return None
 
     def lifted(self, q: Array, height: float) -> Array:

@@ -82,6 +82,9 @@ SENTENCES: Final = {
 }
 """Each of `Why`, for people."""
 
+FOR_WANT_OF_A_WAY: Final = frozenset(SENTENCES[why] for why in (Why.TIME_LIMIT, Why.NO_WAY))
+"""Those behind which there may be that no way led to a step's goal: what was in the way is told behind them."""
+
 
 class Note(IntEnum):
     """What is told of a step."""
