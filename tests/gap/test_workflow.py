@@ -19,6 +19,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.gap import naming, workflow
 from twin_diagram.gap.correction import add_effects
 from twin_diagram.gap.naming import name
+from twin_diagram.gap.report import page
 from twin_diagram.gap.residuals.prepared_logs import Records, prepare
 from twin_diagram.gap.whole_robot import few_or_whole
 from twin_diagram.gap.workflow import Gap, run_gap
@@ -241,7 +242,7 @@ def test_ctrl_c_leaves_what_was_there(
     def interrupt(*_: object) -> str:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(workflow.page, "page", interrupt)
+    monkeypatch.setattr(page, "page", interrupt)
     model, (fit, held, _) = runs
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "gap.json").write_text("old")

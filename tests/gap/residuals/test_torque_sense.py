@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
-from tests.gap.made import ARM, record, swing
+from tests.gap.made import ARM, swing
 from twin_diagram.errors import LogError
-from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.torque_sense import checked
+from twin_diagram.logs import Log
 
 
-def scaled(factor: float | np.ndarray) -> Records:
-    """A log with friction, its torques times something."""
-    _, _, v, _ = motion = swing(5.0)
-    made = record(ARM, *motion, extra=2.0 * np.sign(v) + 3.0 * v)
-    return Records(ARM, (replace(made, torque=made.torque * factor),))
+def scaled(factor: float | np.ndarray, share: float = 1.0) -> list[Log]:
+    """A log with friction and some noise, its torques times something, and a share of the torque of gravity."""
+    time, q, v, a = swing(5.0)
+    rest = ARM.inverse_dynamics(q, 0.0 * v, 0.0 * a)
+    torque = ARM.inverse_dynamics(q, v, a) + (share - 1.0) * rest + 2.0 * np.sign(v) + 3.0 * v
+    rng = np.random.default_rng(1)
+    noisy = q + 1e-4 * rng.normal(size=q.shape)
+    return [Log(time, ARM.joints, noisy, torque=(torque + 0.5 * rng.normal(size=q.shape)) * factor)]
 
 
 @pytest.mark.parametrize(
@@ -31,27 +35,41 @@ def scaled(factor: float | np.ndarray) -> Records:
 )
 def test_another_sign_or_unit_is_refused(factor: float, said: str) -> None:
     with pytest.raises(LogError, match=said):
-        checked(scaled(factor))
+        checked(ARM, scaled(factor))
 
 
 def test_an_arm_that_is_described_wrongly_is_no_wrong_unit() -> None:
     for factor in (1.0, 0.5, 3.0):
-        assert checked(scaled(factor)) == []
-    (odd,) = checked(scaled(0.1))
+        assert checked(ARM, scaled(factor)) == []
+    (odd,) = checked(ARM, scaled(0.1))
     assert "if they are currents" in odd
 
 
 def test_a_single_joint_of_the_other_sign_is_named() -> None:
     sign = np.ones(6)
     sign[2] = -1.0
-    (odd,) = checked(scaled(sign))
+    (odd,) = checked(ARM, scaled(sign))
     assert "the torque of elbow_joint has the opposite sign" in odd
 
 
 def test_an_arm_that_hangs_is_no_wrong_sign() -> None:
     """Gravity pulls the other way, but friction still takes power."""
-    time, q, v, a = swing(5.0)
-    made = record(ARM, time, q, v, a)
-    rest = ARM.inverse_dynamics(q, 0.0 * v, 0.0 * a, time=time)
-    hanging = made.torque - 2.0 * rest + 2.0 * np.sign(v) + 3.0 * v
-    checked(Records(ARM, (replace(made, torque=hanging),)))
+    checked(ARM, scaled(1.0, share=-1.0))
+
+
+@pytest.mark.parametrize("every", [1, 2, 4])
+def test_a_wrong_sign_is_seen_at_any_rate_and_on_uneven_times(every: int) -> None:
+    (log,) = scaled(-1.0)
+    kept = np.sort(np.random.default_rng(2).choice(len(log), len(log) // every * 9 // 10, replace=False))
+    assert log.torque is not None
+    fewer = Log(log.time[kept], log.joints, log.position[kept], torque=log.torque[kept])
+    with pytest.raises(LogError, match="opposite sign"):
+        checked(ARM, [fewer])
+
+
+def test_reading_and_refusing_load_no_filters_and_no_pictures() -> None:
+    """What is refused is refused at once: these take most of a second to load."""
+    heavy = ("matplotlib", "scipy.signal", "scipy.stats", "scipy.optimize")
+    code = f"import twin_diagram.gap.workflow, sys; print(*[x for x in {heavy} if x in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and done.stdout.split() == []

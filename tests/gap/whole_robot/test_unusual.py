@@ -12,12 +12,13 @@ from tests.gap.made import ARM, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.candidates.payload import payload
 from twin_diagram.gap.whole_robot.explain import begun, concluded, settled, settled_beside
+from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.loads import evidence, loaded
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.pushes import pushes
 from twin_diagram.gap.whole_robot.torque_equations import equations
-from twin_diagram.gap.whole_robot.unusual import ReadyFits, offered, room_for, terms_of, unusual, with_candidate
+from twin_diagram.gap.whole_robot.unusual import offered, room_for, terms_of, unusual, with_candidate
 from twin_diagram.model.effects import Effect
 
 MASS, COM = 3.0, [0.02, 0.05, 0.06]

@@ -1,16 +1,19 @@
 """Whether logged torques can be what a description's motors gave: their sign and unit, before anything is fitted.
 
-A fit would answer a wrong unit with links a thousand times too heavy, and be sure of it.
+A fit would answer a wrong unit with links a thousand times too heavy, and be sure of it. Rough motion is enough to see
+that, so a log that is refused does not wait for SciPy's filters to be loaded.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.errors import LogError
-from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.logs import Log, fingerprint
+from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 
@@ -33,35 +36,42 @@ class Tuning:
     beyond: float = 3.0
     """Times its limits that a torque in N·m cannot be; light placeholders in a description do not touch that."""
 
+    block: float = 0.03
+    """Over which positions and torques are averaged before they are compared [s]: arms move slower, noise is faster."""
+
+    blocks: int = 4000
+    """That are compared at most, of each log."""
+
 
 TUNING = Tuning()
 
 
-def checked(records: Records) -> list[str]:
+def checked(model: Model, logs: Sequence[Log]) -> list[str]:
     """Return what is odd about torques' sign or size.
 
     Args:
-        records: of the fit.
+        model: the given one, with the logs' joints in their order.
+        logs: to fit, checked.
 
     Raises:
         LogError: all joints that tell have the other sign, or another unit.
     """
-    torque, predicted = records.torque, records.torque - records.residual
-    names = records.model.joints
+    parts = [_roughly(model.for_run(fingerprint(log)), log) for log in logs]
+    torque, predicted, v = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    names, source = model.joints, logs[0].source
     cosine, scale = agreement(torque, predicted)
     tells = np.abs(cosine) > TUNING.alike
     if not np.any(tells):
         return []
-    source = records.records[0].source
     against = tells & (cosine < 0.0)
-    if np.all(against[tells]) and float(np.sum(torque * records.motion[1])) < 0.0:  # friction takes power, gives none
+    if np.all(against[tells]) and float(np.sum(torque * v)) < 0.0:  # friction takes power, gives none
         raise LogError(
             f"{source}: torques have the opposite sign of those that the description needs; what moves a joint to "
             "larger positions is positive"
         )
     size = float(np.exp(np.median(np.log(np.abs(scale[tells])))))
     apart = np.abs(np.log(np.abs(scale[tells])))
-    limits = records.model.limits.effort
+    limits = model.limits.effort
     finite = np.isfinite(limits) & (limits > 0.0)
     over = np.max(np.abs(torque), axis=0)[finite] > TUNING.beyond * limits[finite]
     if np.all(apart > np.log(TUNING.far)) and (size < 1.0 or (len(over) and np.all(over))):
@@ -85,6 +95,23 @@ def agreement(torque: Array, predicted: Array) -> tuple[Array, Array]:
     squares = np.maximum(np.sum(predicted**2, axis=0), 1e-30)
     cosine = both / np.sqrt(squares * np.maximum(np.sum(torque**2, axis=0), 1e-30))
     return cosine, np.where(both == 0.0, 1.0, both / squares)
+
+
+def _roughly(model: Model, log: Log) -> tuple[Array, Array, Array]:
+    """Return torque that is logged and that a model predicts, and velocity, each (M, n), of means over blocks."""
+    each = max(1, round(TUNING.block / log.period))
+    count = int((log.time[-1] - log.time[0]) / log.period) // each
+    block = each * log.period
+    even = log.time[0] + log.period * (0.5 + np.arange(count * each))
+    q, torque = (
+        np.stack([np.interp(even, log.time, x).reshape(count, each).mean(axis=1) for x in signal.T], axis=1)
+        for signal in (log.position, log.motor_torque)
+    )
+    some = slice(1, -1, max(1, count // TUNING.blocks))
+    v = ((q[2:] - q[:-2]) / (2.0 * block))[:: some.step]
+    a = (np.diff(q, 2, axis=0) / block**2)[:: some.step]
+    seen = torque[some] if any(effect.loses for effect in model.effects) else None
+    return torque[some], model.inverse_dynamics(q[some], v, a, seen=seen), v
 
 
 def _unit(size: float) -> str:

@@ -33,7 +33,7 @@ from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
-from twin_diagram.gap.whole_robot.unusual import between, least, price, room_for, unusual
+from twin_diagram.gap.whole_robot.unusual import between, least, price, room_for, unusual, whitened
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.signals.arrays import Array
@@ -147,7 +147,9 @@ def quieter(whole: RobotProblem, found: Sequence[WholeRobot]) -> RobotProblem:
     What one of them explains is no noise, or a joint that the others leave coloured would count too little.
     """
     for one in found:
-        whole = between(whole, with_noise(one.problem, one.coordinates))
+        brief = [c for c in one.problem.sums.further if c.onset is not None]
+        noise = with_noise(one.problem, one.coordinates)
+        whole = whitened(whole, noise, brief[0]) if brief else between(whole, noise)
     return whole
 
 

@@ -37,8 +37,10 @@ TUNING = Tuning()
 class LeftOut:
     """Fits of all motion but one kind, each judged on that kind.
 
+    What acts for a while, as a push does, is an event: other motion says nothing of it. It stays as all motion has it.
+
     Attributes:
-        problem: what was fitted.
+        problem: what was fitted, events held.
         fits: (F, Z) coordinates per kind of motion left out.
         rms: (n,) what they leave on the motion left out [N·m].
     """
@@ -50,6 +52,9 @@ class LeftOut:
     @staticmethod
     def of(problem: RobotProblem, start: Array) -> LeftOut:
         """Leave each kind of motion out in turn."""
+        if any(candidate.onset is not None for candidate in problem.sums.further):
+            start = solve(problem, None, start)
+            problem = replace(problem, held=start)
         fits = np.stack([solve(problem, problem.sums.whole - own, start) for own in problem.sums.of_kinds])
         return LeftOut(problem, fits, rms_of(problem, fits))
 
@@ -209,6 +214,7 @@ def likelihood(problem: RobotProblem, rms: Array) -> Array:
 
 def best_spread(problem: RobotProblem, start: Array) -> tuple[RobotProblem, LeftOut]:
     """Return the problem with the spread of links that left-out motion likes best."""
-    tried = [LeftOut.of(replace(problem, spread=spread), start) for spread in problem.spreads]
-    best = max(tried, key=LeftOut.score)
-    return best.problem, best
+    problems = [replace(problem, spread=spread) for spread in problem.spreads]
+    tried = [LeftOut.of(one, start) for one in problems]
+    best = int(np.argmax([left_out.score() for left_out in tried]))
+    return problems[best], tried[best]

@@ -61,6 +61,7 @@ class RobotProblem:
         own_free: (n, 4) which of joints' own terms may be there.
         spreads: that it may be.
         gone: (n, 4) which of those that the description states are taken to be none at all.
+        held: (Z,) coordinates at which what acts for a while is held; None: it is fitted like all else.
 
     Coordinates are Z = 14 n + E numbers: links' ten each, joints' own four each, the sums' further coefficients.
     """
@@ -75,6 +76,7 @@ class RobotProblem:
     own_free: Chosen
     gone: Chosen
     spreads: tuple[float, ...] = TUNING.spreads
+    held: Array | None = None
 
     @property
     def n(self) -> int:
@@ -84,14 +86,21 @@ class RobotProblem:
     @property
     def free(self) -> Chosen:
         """(Z,) which coordinates may move."""
-        further = np.ones(sum(c.size for c in self.sums.further), dtype=bool)
-        return np.concatenate([np.repeat(self.links_free, 10), self.own_free.ravel(), further])
+        return np.concatenate([np.repeat(self.links_free, 10), self.own_free.ravel(), ~self._still])
 
     @property
     def mean(self) -> Array:
         """(Z,) of the description, without what is gone."""
         own = np.where(self.gone, self.least, 0.0)
-        return np.concatenate([self.links.mean.ravel(), own.ravel(), *(np.zeros(c.size) for c in self.sums.further)])
+        further = np.zeros(len(self._still)) if self.held is None else self.held[14 * self.n :] * self._still
+        return np.concatenate([self.links.mean.ravel(), own.ravel(), further])
+
+    @property
+    def _still(self) -> Chosen:
+        """(E,) which coefficients of further candidates are held."""
+        sizes = [c.size for c in self.sums.further]
+        brief = [self.held is not None and c.onset is not None for c in self.sums.further]
+        return np.repeat(np.array(brief, dtype=bool), sizes)
 
     @property
     def stated(self) -> Chosen:

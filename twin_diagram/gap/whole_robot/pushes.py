@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,17 +32,29 @@ class Tuning:
     """Samples at most, either side of such a bound, among which the moment is then looked for."""
 
     worth: float = 10.0
-    """Rise of the evidence to first order from which on a push is looked at [nats]."""
+    """Rise of the log likelihood, less what coefficients cost, from which on a push is looked at [nats]."""
 
-    alike: float = 4.0
+    force: float = 1.0
+    """What a coefficient of a force costs, as far as the motion tells it [nats]: Akaike's criterion."""
+
+    moment: float = 3.0
+    """The same of a moment: most pushes are forces, and where they act the motion tells but roughly."""
+
+    alike: float = 2.0
     """A push on an inner link suffices where it explains as much, but for this [nats]."""
 
-    near: float = 0.8
-    """Share of the best one's evidence from which on a push on another link is looked at, too: first-order evidence,
-    with the noise that the best one leaves, does not yet tell links apart."""
+    alone: float = 4.0
+    """By how much more than others a push must explain that drives one joint alone [nats]: that is rather the joint's
+    own doing."""
+
+    told: float = 1e-3
+    """Share of the largest singular value of a push's columns from which on the motion tells a direction of it."""
 
     most: int = 3
-    """Links that are looked at."""
+    """Links that are looked at in each round."""
+
+    rounds: int = 2
+    """Times that the span is looked for: with the noise that is left without, then with that beside the best one."""
 
 
 TUNING = Tuning()
@@ -50,48 +63,114 @@ Pairs = npt.NDArray[np.int64]
 
 
 def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
-    """Return wrenches over the spans of time that they suit best: on the innermost link that suffices, then on others.
+    """Return the push, over the span of time that suits it best, on the innermost link that suffices; or none.
 
-    Those cost more, or links further out, which may follow anything, would suit best as a rule.
+    Forces at links' origins are tried, and wrenches. A push is an event, so the fit of all motion judges it.
 
     Args:
-        problem: of what is there beside them.
+        problem: of what is there beside it.
         z: (Z,) its coordinates.
         terms: of the same samples.
     """
-    wrenches = [c for c in external_forces(terms) if c.size == 6]
-    found = _best(_Beside.of(problem, z), wrenches)
-    _, wrench, at, to = max(found, key=lambda one: one[0])
-    # What a push explains is no noise: what is left beside the best one is.
-    tried = replace(problem, sums=problem.sums.with_further([*problem.sums.further, _spanned(terms, wrench, at, to)]))
-    noise = with_noise(tried, solve(tried, None, np.concatenate([z, np.zeros(wrench.size)])))
-    quiet = replace(problem, variance=noise.variance, share=noise.share)
-    found = _best(_Beside.of(quiet, solve(quiet, None, z)), wrenches)
-    top = max(found, key=lambda one: one[0])
-    if top[0] < TUNING.worth:
+    wrenches = external_forces(terms)
+    # A push alone lets the joints that it drives hang together over all of its span.
+    quiet = replace(problem, share=np.maximum(problem.share, np.median(problem.share)))
+    for _ in range(TUNING.rounds):
+        found = _best(_Beside.of(quiet, solve(quiet, None, z)), wrenches)
+        if not found:
+            return []
+        tried = [_Tried.of(problem, z, _spanned(terms, *one[1:])) for one in found]
+        best = max(tried, key=lambda one: one.score)
+        quiet = replace(problem, variance=best.variance, share=best.share)
+    if best.score < TUNING.worth:
         return []
-    inner = next(one for one in found if one[0] >= top[0] - TUNING.alike)  # inner links come first
-    rest = sorted((one for one in found if one is not inner), key=lambda one: -one[0])
-    likely = [inner, *(one for one in rest if one[0] >= TUNING.near * top[0])][: TUNING.most]
-    made = [_spanned(terms, wrench, at, to) for _, wrench, at, to in likely]
-    return [replace(one, cost=one.cost + TUNING.alike * bool(k)) for k, one in enumerate(made)]
+    return [on_the_innermost(problem, z, terms, best.candidate)]
 
+
+def on_the_innermost(problem: RobotProblem, z: Array, terms: Terms, push: Candidate) -> Candidate:
+    """Return a push over the same span of time on the innermost link that suffices.
+
+    Args:
+        problem: of what is there beside it, without it.
+        z: (Z,) its coordinates.
+        terms: of the same samples.
+        push: as it was found.
+    """
+    span = push.onset, push.end
+    tried = [_Tried.of(problem, z, _during(terms, wrench, *span)) for wrench in external_forces(terms)]
+    return _innermost(tried).candidate
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A push, fitted beside all else.
+
+    Attributes:
+        candidate: the push.
+        score: rise of the log likelihood less what its coefficients cost [nats].
+        joints: number of joints that it drives.
+        variance: (n,) of what is left beside it [N²·m²].
+        share: (n,) of samples that are independent, without it or beside it.
+    """
+
+    candidate: Candidate
+    score: float
+    joints: int
+    variance: Array
+    share: Array
+
+    @staticmethod
+    def of(problem: RobotProblem, z: Array, candidate: Candidate) -> _Tried:
+        """Fit it."""
+        tried = replace(problem, sums=problem.sums.with_further([*problem.sums.further, candidate]))
+        fitted = solve(tried, None, np.concatenate([z, np.zeros(candidate.size)]))
+        tried = with_noise(tried, fitted)
+        fitted = solve(tried, None, fitted)
+        tried = with_noise(tried, fitted)
+        share = np.maximum(problem.share, tried.share)
+        before, after = (one.squares(x, one.sums.whole) for one, x in ((problem, z), (tried, fitted)))
+        rise = 0.5 * float(np.sum(share * problem.sums.counted * np.log(before / np.maximum(after, 1e-30))))
+        size = np.sqrt(np.mean(candidate.columns**2, axis=(0, 2)))
+        forces, both = _rank(candidate.columns[..., :3]), _rank(candidate.columns)
+        score = rise - TUNING.force * forces - TUNING.moment * (both - forces)
+        return _Tried(candidate, score, int(np.sum(size > TUNING.told * np.max(size))), tried.variance, share)
+
+
+def _rank(columns: Array) -> int:
+    """Return how many directions of coefficients columns (N, r, k) tell apart."""
+    sizes = np.linalg.svd(np.einsum("njk,njl->kl", columns, columns), compute_uv=False)
+    return int(np.sum(sizes > TUNING.told**2 * sizes[0])) if sizes[0] > 0.0 else 0
+
+
+def _innermost(tried: Sequence[_Tried]) -> _Tried:
+    """Return the push on the innermost link that explains as much as any, but for little; inner links come first."""
+    top = max(one.score for one in tried)
+    several = [one for one in tried if one.joints > 1]
+    if several and max(one.score for one in several) > top - TUNING.alone:
+        tried, top = several, max(one.score for one in several)
+    return next(one for one in tried if one.score >= top - TUNING.alike)
+
+
+Moment = tuple[int, float] | None
+"""Log and time [s]; None: its begin or end."""
 
 Span = tuple[float, Candidate, int, int]
 """Rise of the evidence, wrench, and samples from which and until which it acts."""
 
 
 def _best(beside: _Beside, wrenches: list[Candidate]) -> list[Span]:
-    """Return each wrench with the span that suits it best."""
+    """Return the likeliest wrenches, each with the span that suits it best."""
     count = len(beside.left)
     edges = np.unique(np.round(np.linspace(0, count, TUNING.blocks + 1)).astype(np.int64))
     ends, longest = len(edges), int(TUNING.longest * (len(edges) - 1))
     pairs = np.array([(i, k) for i in range(1, ends - 1) for k in range(i + 1, min(i + longest, ends - 1) + 1)])
-    result = []
+    coarse = []
     for wrench in wrenches:
-        best = pairs[int(np.argmax(beside.scores(wrench, edges, pairs)))]
-        result.append(_refined(beside, wrench, int(edges[best[0]]), int(edges[best[1]]), max(1, int(edges[1]))))
-    return result
+        if np.any(wrench.columns):
+            scores = beside.scores(wrench, edges, pairs)
+            coarse.append((float(np.max(scores)), wrench, *(int(x) for x in edges[pairs[int(np.argmax(scores))]])))
+    coarse = sorted(coarse, key=lambda one: -one[0])[: TUNING.most]
+    return [_refined(beside, wrench, at, to, max(1, int(edges[1]))) for _, wrench, at, to in coarse]
 
 
 def _refined(beside: _Beside, wrench: Candidate, at: int, to: int, step: int) -> Span:
@@ -119,6 +198,11 @@ def _spanned(terms: Terms, wrench: Candidate, at: int, to: int) -> Candidate:
     end = (log, float(records.times[to])) if to < last else None
     if end is None and log < len(records.records) - 1:
         end = (log, float(records.times[last]))
+    return _during(terms, wrench, onset, end)
+
+
+def _during(terms: Terms, wrench: Candidate, onset: Moment, end: Moment) -> Candidate:
+    """Return a wrench from one moment until another."""
     made = wrench.during(active(terms, onset, end), onset, end)
     return replace(made, cost=2.0 * float(np.log(TUNING.blocks)), variant="spanned")
 

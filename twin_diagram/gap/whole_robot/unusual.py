@@ -6,19 +6,20 @@ make motion likelier that its fit has not seen, and be known to a third of its s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.records import RECORDS, record_of
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.residuals.regressors import Terms, slow_speed
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
-from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, coupling, solve, with_noise
-from twin_diagram.gap.whole_robot.pushes import pushes
+from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.pushes import on_the_innermost, pushes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.model.effects.actuation import TimeDelay, TorqueBias, TorqueConstant
 from twin_diagram.model.effects.environment import ExternalForce, GravityTilt
@@ -56,6 +57,13 @@ class Tuning:
 
     gains: float = 0.06
     """Motors' torque constants are off by the order of this."""
+
+    event: float = 8.0
+    """The same of what acts for a while, beyond the price of when: on all motion, as none that is left out tells of
+    it."""
+
+    rather: float = 0.5
+    """Share of what an event brings that something which is always there must bring to go before it."""
 
     shape: float = 1.0
     """The same of another shape of what is there already."""
@@ -122,32 +130,85 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
     last = last_body(terms)
     steady = [c for c in offered(terms, names) if not any(same(c, other) for other in problem.sums.further)]
     z = start
-    left_out = LeftOut.of(problem, z)
+    problem, z = pushed_rightly(problem, z, terms)
     for _ in range(TUNING.most):
+        left_out = LeftOut.of(problem, z)
         pushed = ExternalForce.name in (c.name for c in problem.sums.further)
         there = steady + (pushes(problem, z, terms) if ExternalForce.name in names and not pushed else [])
-        best = None
-        for k in worth_trying(ReadyFits.of(left_out), there):
-            tried = with_candidate(problem, there[k], last)
-            fitted = solve(tried, None, carried(problem, z, tried))
-            if there[k].name == ExternalForce.name:  # beside which the joints that it pushes are as quiet as others
-                tried = with_noise(tried, fitted)
-                fitted = solve(tried, None, fitted)
-            found = LeftOut.of(tried, fitted)
-            whiter = whitened(problem, with_noise(tried, fitted), there[k])
-            gain = float(np.sum(likelihood(whiter, found.rms) - likelihood(whiter, left_out.rms))) - price(there[k])
-            gain -= asked(problem, there[k])
-            if gain > 0.0 and (best is None or gain > best[0]) and believable(tried):
-                best = gain, tried, found, there[k]
+        tried = [weighed(problem, z, left_out, there[k], last) for k in worth_trying(ReadyFits.of(left_out), there)]
+        best = likeliest([one for one in tried if one is not None])
         if best is None:
             break
-        before = problem
-        _, problem, left_out, added = best
-        z = solve(problem, None, carried(before, z, problem))
-        steady = [c for c in steady if c is not added]
+        z = solve(best.problem, None, carried(problem, z, best.problem))
+        problem = best.problem
+        steady = [c for c in steady if c is not best.candidate]
         problem, z = recentred(problem, z, terms, last)
-        left_out = LeftOut.of(problem, z)
     return still_needed(problem, z)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A candidate that earns its place.
+
+    Attributes:
+        candidate: it.
+        problem: with it.
+        gain: in left-out log likelihood, beyond what is asked of it [nats].
+        loud: the same where all colour that it takes away was no noise, as it is counted for an event [nats].
+    """
+
+    candidate: Candidate
+    problem: RobotProblem
+    gain: float
+    loud: float
+
+
+def weighed(problem: RobotProblem, z: Array, left_out: LeftOut, candidate: Candidate, last: int) -> Weighed | None:
+    """Fit a candidate beside a problem; None where it does not earn its place, or is not to be believed.
+
+    Args:
+        problem: without it.
+        z: (Z,) its coordinates.
+        left_out: its fits.
+        candidate: what is weighed.
+        last: index of the last link.
+    """
+    tried = with_candidate(problem, candidate, last)
+    fitted = solve(tried, None, carried(problem, z, tried))
+    if candidate.onset is not None:  # beside which the joints that it pushes are as quiet as others
+        tried = with_noise(tried, fitted)
+        fitted = solve(tried, None, fitted)
+    rms, after = LeftOut.of(tried, fitted).rms, with_noise(tried, fitted)
+    due = price(candidate) + asked(problem, candidate)
+    gain, loud = (
+        float(np.sum(likelihood(judge, rms) - likelihood(judge, left_out.rms))) - due
+        for judge in (whitened(problem, after, candidate), quietest(problem, after))
+    )
+    return Weighed(candidate, tried, gain, loud) if gain > 0.0 and believable(tried) else None
+
+
+def likeliest(there: Sequence[Weighed]) -> Weighed | None:
+    """Return the candidate to add: of what is always there and an event, the latter where it brings much more.
+
+    What is always there bends over any span, and a push there passes for it; beside it, the push is weighed again.
+    """
+    best = max(there, key=lambda one: one.gain, default=None)
+    if best is None or best.candidate.onset is None:
+        return best
+    rivals = [one for one in there if one.candidate.onset is None and one.loud > TUNING.rather * best.gain]
+    return max(rivals, key=lambda one: one.loud, default=best)
+
+
+def pushed_rightly(problem: RobotProblem, z: Array, terms: Terms) -> tuple[RobotProblem, Array]:
+    """Return the problem with its push, if it has one, on the innermost link that suffices beside all else."""
+    for push in [c for c in problem.sums.further if c.onset is not None]:
+        fewer = replace(problem, sums=problem.sums.with_further([c for c in problem.sums.further if c is not push]))
+        there = on_the_innermost(fewer, solve(fewer, None, carried(problem, z, fewer)), terms, push)
+        if not same(there, push):
+            rest = fewer.sums.further
+            problem = replace(problem, sums=problem.sums.with_further([*rest, there]))
+            z = solve(problem, None, np.concatenate([carried(problem, z, fewer), np.zeros(there.size)]))
+    return problem, z
 
 
 def worth_trying(beside: ReadyFits, there: list[Candidate]) -> list[int]:
@@ -222,6 +283,8 @@ def asked(problem: RobotProblem, candidate: Candidate) -> float:
 
 def least(candidate: Candidate) -> float:
     """Return what a name must bring: of what is common, less [nats]."""
+    if candidate.onset is not None:
+        return TUNING.event
     return TUNING.common if candidate.name in COMMON else TUNING.gain
 
 
@@ -242,9 +305,12 @@ def whitened(problem: RobotProblem, after: RobotProblem, candidate: Candidate) -
         candidate: what is judged. A push alone lets a joint's residual hang together over all of its span: that is no
             noise, which went on before and after it.
     """
-    if candidate.name == ExternalForce.name:
-        return replace(problem, share=np.maximum(problem.share, after.share))
-    return between(problem, after)
+    return between(problem, after) if candidate.onset is None else quietest(problem, after)
+
+
+def quietest(problem: RobotProblem, after: RobotProblem) -> RobotProblem:
+    """Return the problem with the colour of noise that is less, its own or that beside something more."""
+    return replace(problem, share=np.maximum(problem.share, after.share))
 
 
 def price(candidate: Candidate) -> float:
@@ -302,88 +368,3 @@ def without_doubtful(problem: RobotProblem) -> RobotProblem:
             return problem
         kept = [c for k, c in enumerate(problem.sums.further) if k != doubtful[0]]
         problem = replace(problem, sums=problem.sums.with_further(kept))
-
-
-@dataclass(frozen=True)
-class ReadyFits:
-    """Left-out fits to first order, ready for one candidate after the other.
-
-    Attributes:
-        left_out: the fits.
-        moving: per kind of motion left out, which coordinates move.
-        inverses: per kind, of the normal matrix of those.
-        slopes: per kind (10 n, 10 n), of links' parameters by their coordinates.
-        full: (F, n, K + 1) what each fit makes of the columns: less its parameters, and 1 for the residual.
-    """
-
-    left_out: LeftOut
-    moving: list[npt.NDArray[np.int64]]
-    inverses: list[Array]
-    slopes: list[Array]
-    full: Array
-
-    @staticmethod
-    def of(left_out: LeftOut) -> ReadyFits:
-        """Make fits ready."""
-        problem = left_out.problem
-        moving = [np.flatnonzero(problem.free & (z > problem.lower)) for z in left_out.fits]
-        inverses = []
-        for some, (H, _) in zip(moving, left_out.systems, strict=True):
-            inner = H[np.ix_(some, some)]
-            scale = np.sqrt(np.diag(inner))
-            inverses.append(np.linalg.inv(inner / np.outer(scale, scale)) / np.outer(scale, scale))
-        full = [np.concatenate([-problem.difference(z), np.ones((problem.n, 1))], axis=1) for z in left_out.fits]
-        return ReadyFits(left_out, moving, inverses, [problem.slope(z) for z in left_out.fits], np.stack(full))
-
-    def gain(self, candidate: Candidate) -> float:
-        """Return the rise of the left-out log likelihood that a candidate brings beside all that is free.
-
-        Its columns are summed up once per kind of motion; what is fitted sees the sums alone.
-        """
-        problem, sums = self.left_out.problem, self.left_out.problem.sums
-        crosses, owns = candidate_sums(sums, candidate)
-        rows = list(candidate.rows)
-        weight = (problem.share / problem.variance)[rows][:, None, None]
-        squares = np.zeros(problem.n)
-        prior = np.diag(candidate.spread**-2.0)
-        for k, (some, inverse, slope, full) in enumerate(
-            zip(self.moving, self.inverses, self.slopes, self.full, strict=True)
-        ):
-            cross, own = (np.sum(x, axis=0) - x[k] for x in (crosses, owns))
-            cross = cross * weight
-            B = coupling(problem, rows, slope, cross)[some]
-            solved = inverse @ B
-            S = np.sum(own * weight, axis=0) + prior - B.T @ solved
-            right = np.einsum("jk,jkm->m", full[rows], cross)
-            c = np.clip(np.linalg.lstsq(S, right, rcond=1e-9)[0], candidate.lower, candidate.upper)
-            step = np.zeros(len(problem.mean))
-            step[some] = solved @ c
-            moved = full + settled(problem, slope, step)
-            squares += np.sum((moved[:, None] @ sums.of_kinds[k])[:, 0] * moved, axis=1)
-            mixed = np.einsum("jk,jkm,m->j", moved[rows], crosses[k], c)
-            squares[rows] += np.einsum("m,jml,l->j", c, owns[k], c) - 2.0 * mixed
-        rms = np.sqrt(np.maximum(squares, 1e-30) / sums.counted)
-        return float(np.sum(likelihood(problem, rms)) - self.left_out.score())
-
-
-def settled(problem: RobotProblem, slope: Array, step: Array) -> Array:
-    """Return (n, K + 1) by which what a fit makes of the columns changes where coordinates go back by a step (Z,)."""
-    n = problem.n
-    links = np.broadcast_to(slope @ step[: 10 * n], (n, 10 * n))
-    further = np.broadcast_to(step[14 * n :], (n, len(step) - 14 * n))
-    own = step[10 * n : 14 * n].reshape(n, len(OWN))
-    return np.concatenate([links, own, further, np.zeros((n, 1))], axis=1)
-
-
-def candidate_sums(sums: TorqueEquations, candidate: Candidate) -> tuple[Array, Array]:
-    """Return per kind of motion a candidate's products: with all columns (F, r, K + 1, k), and its own (F, r, k, k)."""
-    rows = list(candidate.rows)
-    kind = sums.fold[sums.stretch]
-    weighted = candidate.columns * sums.weights[:, rows, None]
-    cross, own = [], []
-    for k in sums.kinds:
-        some = kind == k
-        mine = weighted[some].transpose(1, 0, 2)
-        cross.append(sums.columns[some][:, rows].transpose(1, 2, 0) @ mine)
-        own.append(candidate.columns[some].transpose(1, 2, 0) @ mine)
-    return np.stack(cross), np.stack(own)
