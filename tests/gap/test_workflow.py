@@ -382,7 +382,7 @@ def test_nothing_is_left_where_writing_fails(
     def fail(*_: object) -> str:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(workflow.page, "page", fail)
+    monkeypatch.setattr(page, "page", fail)
     model, (fit, held, _) = runs
     with pytest.raises(TwinError, match="No space left"):
         run_gap(model, [fit], held, tmp_path / "out")

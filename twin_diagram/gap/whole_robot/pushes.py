@@ -164,11 +164,12 @@ def _best(beside: _Beside, wrenches: list[Candidate]) -> list[Span]:
     edges = np.unique(np.round(np.linspace(0, count, TUNING.blocks + 1)).astype(np.int64))
     ends, longest = len(edges), int(TUNING.longest * (len(edges) - 1))
     pairs = np.array([(i, k) for i in range(1, ends - 1) for k in range(i + 1, min(i + longest, ends - 1) + 1)])
-    coarse = []
+    coarse: list[Span] = []
     for wrench in wrenches:
         if np.any(wrench.columns):
             scores = beside.scores(wrench, edges, pairs)
-            coarse.append((float(np.max(scores)), wrench, *(int(x) for x in edges[pairs[int(np.argmax(scores))]])))
+            at, to = edges[pairs[int(np.argmax(scores))]]
+            coarse.append((float(np.max(scores)), wrench, int(at), int(to)))
     coarse = sorted(coarse, key=lambda one: -one[0])[: TUNING.most]
     return [_refined(beside, wrench, at, to, max(1, int(edges[1]))) for _, wrench, at, to in coarse]
 

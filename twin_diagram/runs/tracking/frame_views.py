@@ -70,6 +70,8 @@ class FrameViews:
             return beside
         which, entry, segments = self._newest
         self._views[which], common = left(self._views[which], entry.beside, slots, beside, segments.time)
+        if len(self._views) < 2 or not told.every:
+            return common
         every = [*told.library, *(told.every[one.asset] for one in beside.further)]
         for other, k in contradicted(self._views, which, segments, every):
             self._views[other] = forgotten(self._views[other], k)
