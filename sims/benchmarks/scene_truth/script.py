@@ -139,4 +139,5 @@ def _ways(
         return (Carry(begin, begin + float(rng.uniform(1.2, 2.4)), p, p1, R, R1, tilt),)
     out = np.array([*AWAY, p[2]])
     back = begin + float(rng.uniform(2.0, 3.0))
-    return (Carry(begin, begin + 1.2, p, out, R, R, tilt), Carry(back, back + 1.2, out, p1, R1, R1, -tilt))
+    # Some cameras see what stands there: it turns on its way back, not at once.
+    return (Carry(begin, begin + 1.2, p, out, R, R, tilt), Carry(back, back + 1.2, out, p1, R, R1, -tilt))

@@ -18,7 +18,7 @@ from twin_diagram.perception.registration.instances import TUNING as INSTANCES
 from twin_diagram.perception.registration.instances import Instance
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
-from twin_diagram.perception.registration.settling import SettledPose, settle
+from twin_diagram.perception.registration.settling import settle
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
 from twin_diagram.perception.registration.turned_alike import probability, turned
@@ -29,6 +29,8 @@ from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.perception.things.growing import GrowingThing, grown_on, shown
 from twin_diagram.perception.things.memory import Life
 from twin_diagram.runs.tracking.frame_views import FrameViews
+from twin_diagram.runs.tracking.individual import TUNING as BELIEF
+from twin_diagram.runs.tracking.individual import Individual, PoseShown, expected
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -49,19 +51,6 @@ class Tuning:
     around: float = 0.025
     """Points this near to an object's surface, in the segment that is its own, should be explained by it [m]."""
 
-    even: float = 0.85
-    """A pose of which this share of the surface seen fits is right as often as wrong, …"""
-
-    doubt: float = 0.04
-    """… and so much more or less of it makes it e times rarer that it is wrong, or right
-    (`sims/benchmarks/followed_scenes.py`, seeds 0 to 5)."""
-
-    alike: float = 0.65
-    """Where it looks like itself to less than this share of what is usual, as much less counts as fitting."""
-
-    missed: float = 40.0
-    """An object that should be seen whole and is not loses so many nats of its odds in a second: said in 0.15 s."""
-
     aside: float = 2.0
     """How far off depth colours may lie, RMS, of images 640 wide [px]: as cheap cameras' do, where nothing is told."""
 
@@ -70,9 +59,6 @@ class Tuning:
 
     growing: int = 4
     """Unknown things that are followed at a time, where they may become assets: each takes some 10 ms a frame."""
-
-    forgotten: float = 60.0
-    """An object that nobody sees is as likely to be there as not after so long [s]."""
 
 
 TUNING = Tuning()
@@ -108,48 +94,6 @@ class TrackedObject:
     found: bool
 
 
-@dataclass
-class _Individual:
-    """What the tracker believes of one object, be it the first of its kind or a further one.
-
-    Attributes:
-        track: its number.
-        asset: its kind's, in the library.
-        filter: what its measurements made of its pose; see `object_filter`.
-        odds: logarithm of the odds that it is there and what it is named.
-        rivals: what it may be mistaken for, as X_OO' (turn, shift) and probability, from when it was found.
-        followed: whether the frame before showed it.
-    """
-
-    track: int
-    asset: int
-    filter: Array
-    odds: float = 0.0
-    rivals: tuple[tuple[Array, Array, float], ...] = ()
-    followed: bool = False
-
-    def believed(self, found: bool, shape: float, whole: float, since: float) -> float:
-        """Return how probable it is after a frame, of which `whole` could be seen, and of that `shape` fits."""
-        if found:
-            rarer = (shape - TUNING.even) / TUNING.doubt
-            self.odds = np.log(2.0) + rarer
-            return float(1.0 - 0.5 * np.exp(-rarer) if rarer > 0.0 else 0.5 * np.exp(rarer))
-        self.odds -= since * (TUNING.missed * whole * (1.0 - shape) + max(self.odds, 0.0) / TUNING.forgotten)
-        self.odds = float(np.clip(self.odds, -20.0, 20.0))
-        return float(1.0 / (1.0 + np.exp(-self.odds)))
-
-    def with_rivals(self, after: SettledPose, right: float) -> tuple[PoseHypothesis, ...]:
-        """Return what a frame allows, and what it may have been mistaken for: `right` is how probable it is not."""
-        one, all_rivals = after.registration, sum(share for _, _, share in self.rivals)
-        doubt = 1.0 - right if self.rivals else 0.0
-        own = [replace(h, probability=(1.0 - doubt) * h.probability) for h in after.hypotheses]
-        others = [
-            PoseHypothesis(one.R @ turn, one.p + one.R @ shift, one.covariance, doubt * share / all_rivals)
-            for turn, shift, share in self.rivals
-        ]
-        return (*own, *others)
-
-
 class ObjectTracker:
     """Remembers poses from frame to frame, by the twin's own means: alikes and unknown things keep their numbers.
 
@@ -181,7 +125,7 @@ class ObjectTracker:
         self._settings = object_filter.FilterSettings.of(scene)
         self._axes = np.array([[0.0, 0.0, float(a.symmetric_axis == "z")] for a in library.values()]).reshape(-1, 3)
         self._first = [self._individual(k, k) for k in range(len(models))]
-        self._further: dict[int, _Individual] = {}
+        self._further: dict[int, Individual] = {}
         """By identity."""
         self._things: dict[int, int] = {}
         """Tracks of unknown things, by identity."""
@@ -258,15 +202,20 @@ class ObjectTracker:
         before = self._further
         self._further = {i: before.get(i) or self._individual(self._numbered(), asset) for i, asset in held.items()}
         pairs = [*zip(self._first, after.poses, strict=True), *((self._further[i], further[i]) for i in held)]
-        for one, measured in pairs:
-            if measured.quality > 0:
-                symmetric = bool(self._axes[one.asset, 2])
-                one.filter = object_update.update(one.filter, measured, segments.time, self._settings, symmetric)
+        frame = Frame.of(segments, self._beside.shift)
+        settled = [
+            self._settled(one, measured, segments, frame) if measured.quality > 0 else None for one, measured in pairs
+        ]
+        for (one, measured), found in zip(pairs, settled, strict=True):
+            if found is not None:
+                told, symmetric = found.told(measured), bool(self._axes[one.asset, 2])
+                one.filter = object_update.update(one.filter, told, segments.time, self._settings, symmetric)
         if self._grows:
             self._grow(segments, after.things, pairs)
-        return [*self._objects(segments, pairs), *self._unknown(after.things, segments)]
+        individuals = [one for one, _ in pairs]
+        return [*self._objects(segments, frame, individuals, settled), *self._unknown(after.things, segments)]
 
-    def _grow(self, segments: Segments, things: Array, pairs: Sequence[tuple[_Individual, PoseMeasurement]]) -> None:
+    def _grow(self, segments: Segments, things: Array, pairs: Sequence[tuple[Individual, PoseMeasurement]]) -> None:
         """Follow unknown things by what was seen of them."""
         known: list[Placed] = []
         for one, measured in pairs:
@@ -279,58 +228,57 @@ class ObjectTracker:
         view = View(segments, Frame.of(segments, self._beside.shift), self._params, self._told.smallest)
         self.growing = grown_on(before, shown(standing, segments, known), view, TUNING.growing)
 
-    def _individual(self, track: int, asset: int) -> _Individual:
-        return _Individual(track, asset, object_filter.initial_filters(1)[0])
+    def _individual(self, track: int, asset: int) -> Individual:
+        return Individual(track, asset, object_filter.initial_filters(1)[0])
 
     def _numbered(self) -> int:
         self._next += 1
         return self._next - 1
 
-    def _objects(self, segments: Segments, pairs: Sequence[tuple[_Individual, PoseMeasurement]]) -> list[TrackedObject]:
-        """Return the library's objects that were seen at some time."""
-        if not pairs:
+    def _objects(
+        self, segments: Segments, frame: Frame, individuals: Sequence[Individual], settled: Sequence[PoseShown | None]
+    ) -> list[TrackedObject]:
+        """Return the library's objects that were seen at some time; `settled` those that this frame shows."""
+        if not individuals:
             return []
         now = segments.time
-        filters = np.stack([one.filter for one, _ in pairs])
-        axes = self._axes[[one.asset for one, _ in pairs]]
+        filters = np.stack([one.filter for one in individuals])
+        axes = self._axes[[one.asset for one in individuals]]
         belief = object_filter.propagate(filters, now, self._settings)
         status = object_filter.statuses(filters, now, self._settings)
         covariance = object_filter.pose_covariances(belief, axes, self._settings)
-        frame = Frame.of(segments, self._beside.shift)
         since = min(now - self._last, TUNING.longest) if self._last >= 0.0 else TUNING.longest
         self._last = now
         result = []
-        for k, (one, measured) in enumerate(pairs):
+        for k, (one, found) in enumerate(zip(individuals, settled, strict=True)):
+            one.followed = found is not None
             if status[k] == ObjectStatus.UNSEEN:
                 continue
-            found = measured.quality > 0
+            slot = self._slot_of(one)
             # In view, the picture has the say; what the filter makes of it lags behind what is pushed.
-            handed = self._slot_of(one).seen == NEVER  # another camera's frame showed where it goes
-            pose = measured.pose if found or handed else belief.poses[k]
-            R, p = rotations.matrix(pose[None, :4])[0], pose[4:]
-            spread, hypotheses = covariance[k], None
-            if found:
-                R, p, spread, hypotheses = self._settled(one, R, p, measured, segments, frame)
-            one.followed = found
+            shown = found or expected(slot, one.filter, belief.poses[k], covariance[k], now)
+            R, p = shown.R, shown.p
             model = self._told.every[one.asset].model
             fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
-            usual = (slot := self._slot_of(one)).alike
-            fits = min(shape, float(fit.likeness[0]) / (TUNING.alike * usual)) if found and usual > 0.0 else shape
-            sure = one.believed(found, fits, whole, since) * (probability(slot.odds) if found else 1.0)
+            usual = slot.alike if found is not None else 0.0
+            fits = min(shape, float(fit.likeness[0]) / (BELIEF.alike * usual)) if usual > 0.0 else shape
+            there = one.believed(found is not None, fits, whole, since, slot.aloft)
+            sure = there * probability(slot.odds)
             life = ObjectStatus(int(status[k])).name.lower()
-            if not found and sure < 0.5:
+            if found is None and there < 0.5:
                 life = ObjectStatus.LOST.name.lower()
-            visible = whole if found else whole * shape
-            only = hypotheses or (PoseHypothesis(R, p, spread, 1.0),)
+            visible = whole if found is not None else whole * shape
+            only = shown.hypotheses or (PoseHypothesis(R, p, shown.spread, 1.0),)
             name = self.names[one.asset]
-            result.append(TrackedObject(one.track, name, life, sure, visible, R, p, spread, only, (), found))
+            result.append(
+                TrackedObject(one.track, name, life, sure, visible, R, p, shown.spread, only, (), found is not None)
+            )
         return result
 
-    def _settled(
-        self, one: _Individual, R: Array, p: Array, measured: PoseMeasurement, segments: Segments, frame: Frame
-    ) -> tuple[Array, Array, Array, tuple[PoseHypothesis, ...]]:
-        """Return pose, covariance and hypotheses of an object found; tracking goes on from the likeliest."""
+    def _settled(self, one: Individual, measured: PoseMeasurement, segments: Segments, frame: Frame) -> PoseShown:
+        """Return the likeliest pose of an object found, near where tracking found it; tracking goes on from there."""
+        R, p = rotations.matrix(measured.pose[None, :4])[0], measured.pose[4:]
         model = self._told.every[one.asset].model
         own = claimed(model, segments, R, p, TUNING.owned)
         near = claimed(model, segments, R, p, TUNING.around)
@@ -342,7 +290,7 @@ class ObjectTracker:
         free = np.zeros((6, 6))
         free[:3, :3] = object_filter.TUNING.unknown_variance[0] * np.outer(axis, axis)
         if len(points) < TUNING.least_points:
-            return R, p, measured.covariance + free, ()
+            return PoseShown(R, p, measured.covariance + free, ())
         new = not one.followed
         after = settle(model, frame, [start], points, self._params, turns=new)
         result = after.registration
@@ -355,16 +303,16 @@ class ObjectTracker:
                 if np.trace(result.R.T @ other.R) < 1.0
             )
         hypotheses = after.hypotheses if new else one.with_rivals(after, probability(self._slot_of(one).odds))
-        return result.R, result.p, result.covariance + free, hypotheses
+        return PoseShown(result.R, result.p, result.covariance + free, hypotheses)
 
-    def _slot_of(self, one: _Individual) -> Slot:
+    def _slot_of(self, one: Individual) -> Slot:
         """Return what tracking remembers of an object."""
         if one.asset < len(self._first) and one is self._first[one.asset]:
             return self._slots[one.asset]
         identity = next(i for i, other in self._further.items() if other is one)
         return next(each.slot for each in self._beside.further if each.identity == identity)
 
-    def _go_on_from(self, one: _Individual, R: Array, p: Array) -> None:
+    def _go_on_from(self, one: Individual, R: Array, p: Array) -> None:
         """Track an object from another pose on than the one that tracking found."""
 
         def moved(slot: Slot) -> Slot:

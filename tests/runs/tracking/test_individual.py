@@ -1,0 +1,78 @@
+"""What is believed of an object that frames do not show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twin_diagram import scenario
+from twin_diagram.perception.registration.slots import Slot
+from twin_diagram.runs.tracking.individual import Individual, expected
+from twin_diagram.scene import object_filter, object_update
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.layouts import NEVER, PoseMeasurement
+
+SETTINGS = object_filter.FilterSettings.of(scenario.SceneUpdater())
+FRAME = 1 / 15
+
+
+def _turn(angle: float) -> Array:
+    return rotations.exp(np.array([0.0, 0.0, angle]))
+
+
+def _watched(angles: list[float], deviation: float) -> tuple[Array, Slot]:
+    """Return the filter and the slot of an object at the origin that frames showed turned by angles about z."""
+    filter_ = object_filter.initial_filters(1)[0]
+    covariance = np.diag([1e-4, 1e-4, deviation**2, 1e-6, 1e-6, 1e-6])
+    slot = Slot()
+    for k, angle in enumerate(angles):
+        pose = np.concatenate([_turn(angle), np.zeros(3)])
+        filter_ = object_update.update(filter_, PoseMeasurement(1.0, k * FRAME, pose, covariance), k * FRAME, SETTINGS)
+        slot = Slot(True, rotations.matrix(_turn(angle)[None])[0], np.zeros(3), seen=k * FRAME)
+    return filter_, slot
+
+
+def _asked(filter_: Array, slot: Slot, now: float) -> tuple[Array, Array]:
+    belief = object_filter.propagate(filter_[None], now, SETTINGS)
+    shown = expected(slot, filter_, belief.poses[0], belief.covariances[0, :6, :6], now)
+    return shown.R, shown.p
+
+
+def test_what_rests_is_where_its_images_average() -> None:
+    filter_, slot = _watched([0.02, -0.02] * 10, 0.02)
+    R, _ = _asked(filter_, slot, 21 * FRAME)
+    assert abs(rotations.log(rotations.from_matrix(R))[2]) < 0.01
+
+
+def test_the_first_pose_that_images_took_back_does_not_return_when_nothing_is_seen() -> None:
+    """Claimed to 0.6 rad, a pose 1.7 rad off is within the filter's gate, which goes on with the mean of both."""
+    filter_, slot = _watched([1.7] * 6 + [0.0] * 3, 0.6)
+    belief = object_filter.propagate(filter_[None], 10 * FRAME, SETTINGS).poses[0]
+    assert abs(rotations.log(belief[:4])[2]) > 0.6
+    R, _ = _asked(filter_, slot, 10 * FRAME)
+    assert abs(rotations.log(rotations.from_matrix(R))[2]) < 1e-9
+
+
+def test_what_moves_goes_on_for_a_while_only() -> None:
+    filter_, _ = _watched([0.0], 0.02)
+    filter_[object_filter.FilterLayout.MODE] = object_filter.Mode.MOVING
+    slot = Slot(True, np.eye(3), np.zeros(3), np.array([0.0, 0.0, 0.0, 0.5, 0.0, 0.0]), seen=0.0)
+    assert _asked(filter_, slot, 0.2)[1][0] == pytest.approx(0.1)
+    assert _asked(filter_, slot, 5.0)[1][0] == pytest.approx(0.15)
+
+
+def test_where_another_camera_showed_it_to_go_it_is() -> None:
+    filter_, _ = _watched([0.0], 0.02)
+    slot = Slot(True, np.eye(3), np.array([0.3, 0.0, 0.0]), np.full(6, 0.5), seen=NEVER)
+    assert _asked(filter_, slot, 1.0)[1] == pytest.approx([0.3, 0.0, 0.0])
+
+
+def test_what_was_carried_is_doubted_sooner_and_forgotten() -> None:
+    def after(aloft: bool, shape: float, whole: float, frames: int) -> float:
+        one = Individual(0, 0, object_filter.initial_filters(1)[0])
+        one.believed(True, 0.98, 1.0, FRAME)
+        return [one.believed(False, shape, whole, FRAME, aloft) for _ in range(frames)][-1]
+
+    assert after(True, 0.5, 0.8, 1) < 0.5 < after(False, 0.5, 0.8, 1)
+    assert after(True, 0.0, 0.0, 15) < 0.75 < 0.95 < after(False, 0.0, 0.0, 15)
