@@ -64,7 +64,7 @@ def track_frames(
         frames: BOP scene folder.
         out: folder that gets `poses.csv` and `objects.jsonl`.
         init: poses of the first frame's objects, in the layout of `poses.csv`; others are searched for.
-        seed: of what is drawn (the search for the plane).
+        seed: of what is drawn; at present nothing is.
         say: told what goes on.
         grow: folder that gets assets of unknown things which frames show from enough sides: those are followed under
             their names from then on. `library` may be empty then.
@@ -91,7 +91,7 @@ def track_frames(
         if base is None:
             noise = measured(frame.depth)
             doubt = _doubt(folder, noise)
-            base = table_frame(depth, camera, seed)
+            base = table_frame(depth, camera)
             if not base.found:
                 say("note: no table in view; all that is seen counts as standing")
             _start(tracker, told, base.camera(camera), frame.time - 1e-3)
