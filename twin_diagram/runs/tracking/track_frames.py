@@ -96,7 +96,7 @@ def track_frames(
                 say("note: no table in view; all that is seen counts as standing")
             _start(tracker, told, base.camera(camera), frame.time - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
-        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION))
+        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION, in_a_room=True))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         seen_by |= {one.track: frame.colour for one in found if one.found}
         lines.append(json.dumps(_line(frame, found, assets, base, doubt, seen_by)))
