@@ -124,6 +124,19 @@ def test_a_pushed_box_is_followed_in_w(tracked: Path) -> None:
         assert one["hypotheses"][0]["p_WO"] == one["p_WO"]
 
 
+def test_a_mesh_without_colours_is_found_by_its_shape(scene: Path, tmp_path: Path) -> None:
+    """An STL tells no colours, and those that pictures show of it veto nothing; another box stays unknown."""
+    for name, size in (("brick", SIZE), ("other", (0.1, 0.1, 0.03))):
+        trimesh.creation.box(np.array(size) * 1000.0).export(tmp_path / f"{name}.stl")
+        build_from_mesh(tmp_path / f"{name}.stl", name, tmp_path / "bare", 0.4, None, "mm", False)
+    assert track(tmp_path / "bare", scene, tmp_path / "out") == 0
+    for k, line in enumerate(lines(tmp_path / "out")):
+        one = of(line, "brick")
+        true = np.array([STEP * k - 0.04, 0.02, SIZE[2] / 2])
+        assert np.linalg.norm(np.array(one["p_WO"]) - true) < 0.004 and angle(one["q_WO"], YAW) < np.radians(2.0), k
+        assert {entry["asset"] for entry in line["objects"]} == {"brick", None}
+
+
 def test_results_are_bops_in_the_cameras_frame(tracked: Path, taken: Shots) -> None:
     head, *rows = (tracked / "poses.csv").read_text().splitlines()
     assert head == "scene_id,im_id,obj_id,score,R,t,time" and len(rows) == 6
