@@ -221,6 +221,7 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(
         ((library, scene), head + good.replace("0,0,1,1,", "0,0,1,nan,", 1), "score one"),
         ((library, scene), head + good.replace("0 0 500", "0 0 -500"), "not before the camera"),
         ((library, scene), head + good.replace("0 0 500", "1e300 0 500"), "not before the camera"),
+        ((library, scene), head + good.replace("0 0 500", "0 0 0.5"), "is it in another unit"),
     ):
         poses.write_text(text)
         more = ("--init", str(poses)) if text or "first frame" in said else ()
@@ -259,6 +260,19 @@ def test_a_view_that_is_no_cameras_is_refused(
     assert track(library, frames, tmp_path / "out") == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert len(error) == 1 and said in error[0] and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("factor", [1000.0, 0.001])
+def test_depth_in_another_unit_is_refused(
+    factor: float, library: Path, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = shutil.copytree(scene, tmp_path / "frames")
+    entries = json.loads((frames / "scene_camera.json").read_text())
+    wrong = {k: e | {"depth_scale": e["depth_scale"] * factor} for k, e in entries.items()}
+    (frames / "scene_camera.json").write_text(json.dumps(wrong))
+    assert track(library, frames, tmp_path / "out") == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len(error) == 1 and "is depth_scale in another unit" in error[0] and not (tmp_path / "out").exists()
 
 
 def test_a_negative_seed_is_refused(
