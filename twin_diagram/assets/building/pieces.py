@@ -36,8 +36,8 @@ class Tuning:
     """… and no more [m]."""
 
     hollow: float = 0.08
-    """Share of the surface that faces more of the hull's inside than `most_dent`, from which it is a hollow, thin though
-    its walls are: of a bowl it is 0.45, of scanned boxes and cans up to 0.04."""
+    """Share of the surface that faces more of the hull's inside than `most_dent`, from which it is a hollow, thin
+    though its walls are: of a bowl it is 0.45, of scanned boxes and cans up to 0.04."""
 
     asked: int = 2000
     """Triangles of which that is asked, about, …"""
