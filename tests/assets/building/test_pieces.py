@@ -37,6 +37,29 @@ def test_a_closed_box_that_is_hollow_is_still_one_piece() -> None:
     assert ConvexHull(piece).volume == pytest.approx(0.1 * 0.08 * 0.06)
 
 
+def bowl(closed: bool) -> trimesh.Trimesh:
+    """A thin-walled dish of revolution, with a lid or without."""
+    outer = [[0.0, 0.0], [0.05, 0.0], [0.07, 0.06]]
+    inner = [[0.067, 0.06], [0.048, 0.003], [0.0, 0.003]]
+    lid = [[0.0, 0.06], [0.0, 0.057], [0.065, 0.057]] if closed else []
+    return trimesh.creation.revolve(np.array([*outer, *(lid or []), *(inner[1:] if closed else inner)]), sections=48)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_thin_dish_is_hollow_and_a_closed_one_is_not(closed: bool) -> None:
+    """Its walls lie within 3 mm of the hull all over."""
+    surface = surface_of(bowl(closed))
+    hull = hull_of(surface.vertices)
+    points = spread(surface.vertices[surface.faces], 0.003)
+    assert pieces.dent(hull, points) < 0.004
+    assert (pieces.hollow(hull, surface.vertices[surface.faces]) < 0.02) == closed
+    if not closed:
+        found = pieces_of(surface.vertices, surface.faces, 1e-4)
+        inside = np.array([[0.0, 0.0, 0.05], [0.03, 0.0, 0.04]])
+        assert len(found.vertices) > 3 and min(depth(piece, inside).min() for piece in found.vertices) > 0.0
+        assert (np.min([depth(piece, points) for piece in found.vertices], axis=0) < 1e-3).all()
+
+
 def test_a_corner_is_taken_apart() -> None:
     mesh = corner()
     made = of(mesh, float(mesh.volume))

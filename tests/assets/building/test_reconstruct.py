@@ -15,8 +15,10 @@ from twin_diagram.assets.building import build_from_frames, build_from_predictio
 from twin_diagram.assets.building.decimation import enclosed_volume, is_closed
 from twin_diagram.assets.building.depth_view import DepthView, make_view, surface_normals, thinned, view_points
 from twin_diagram.assets.building.fusion import FusionGrid, fuse
+from twin_diagram.assets.building.looking_past import check_unseen
 from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.assets.building.reconstruct import Reconstruction, agreeing, reconstruct
+from twin_diagram.assets.building.selection import the_one_thing
 from twin_diagram.assets.building.view_poses import align, mean_surface
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import read_png
@@ -182,6 +184,27 @@ def test_a_view_that_contradicts_is_named(mug: Shots) -> None:
     frames = [*mug.frames[:3], replace(body, number=3), *mug.frames[4:]]
     with pytest.raises(FramesError, match="scan: view 3 contradicts the others"):
         reconstruct(Shots(frames), "scan")
+
+
+def test_a_view_that_looks_through_all_others_contradicts() -> None:
+    """Its depth is ten times too large: of what it shows itself nothing is near the thing."""
+    frames = shots([box((0.05, 0.04, 0.03))], cameras(6, 0.015), masked=True).frames
+    frames[4] = replace(frames[4], depth=10.0 * frames[4].depth)
+    with pytest.raises(FramesError, match=r"scan: view 4 contradicts the others: it looks through \d+ %"):
+        reconstruct(Shots(frames), "scan")
+
+
+def test_what_is_kilometres_large_is_a_wrong_unit() -> None:
+    """Before cells are laid out for it: there would be 10¹⁵."""
+    points = np.random.default_rng(0).uniform(-700.0, 700.0, (500, 3))
+    with pytest.raises(FramesError, match=r"scan: what is there would be 1.4e\+03 × .* m large; is a unit wrong"):
+        the_one_thing(points, "scan")
+
+
+def test_what_no_view_shows_is_not_built() -> None:
+    check_unseen(0.5, "scan")
+    with pytest.raises(FramesError, match="scan: 96 % of what was built is seen in no view"):
+        check_unseen(0.96, "scan")
 
 
 def test_views_that_were_told_each_others_poses_contradict() -> None:

@@ -187,3 +187,19 @@ def test_refused(case: str, folder: Path) -> None:
         frames = FrameFolder(folder)
         for k in range(len(frames)):
             frames.read(k)
+
+
+def test_a_frame_twice_and_a_truth_for_a_number_are_refused(folder: Path) -> None:
+    edit(folder, lambda entries: entries.update({"02": entries["2"]}))
+    with pytest.raises(FramesError, match="frame 2 is there twice, as '02' too"):
+        FrameFolder(folder)
+    edit(folder, lambda entries: (entries.pop("02"), entries["1"].update(depth_scale=True)))
+    with pytest.raises(FramesError, match="frame 1: depth_scale is True, not numbers"):
+        FrameFolder(folder)
+
+
+def test_a_mask_of_the_whole_picture_is_refused(folder: Path) -> None:
+    path = min((folder / "mask_visib").iterdir())
+    cv2.imwrite(str(path), np.full_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), 255))
+    with pytest.raises(FramesError, match="the mask holds the whole picture"):
+        FrameFolder(folder).read(0)

@@ -125,7 +125,7 @@ def test_a_segment_far_too_large_for_the_object_is_not_searched(monkeypatch: pyt
     assert search(model(), frame(), ring(1.01 * most), orientations, PARAMS) is None and not spied.asked
     assert search(model(), frame(), ring(0.99 * most), [], PARAMS) is None and not spied.asked
     assert search(model(), frame(), ring(0.99 * most), orientations, PARAMS) == "the best"  # type: ignore[comparison-overlap]
-    _, _, laid, thin, prior, _ = spied.asked
+    _, _, laid, thin, prior, *_ = spied.asked
     assert 0 < len(laid.p) <= 96 and len(thin) == 225, "about 200 points: every fourth of 900"
     # It rests: what tips by 0.03 rad, turns by 0.15 rad, slides by 4 cm, floats by 3 mm.
     np.testing.assert_allclose(prior**-0.5, [0.03, 0.03, 0.15, 0.04, 0.04, 0.003])

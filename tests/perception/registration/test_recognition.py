@@ -78,7 +78,7 @@ class Scene:
 
     def run(self, objects: dict[int, Array], free: Any = None, smallest: int = 10) -> dict[int, int]:
         wanted: Any = {
-            k: SimpleNamespace(number=k, asset=SimpleNamespace(colours=np.array([colour] * 5)))
+            k: SimpleNamespace(number=k, coloured=True, asset=SimpleNamespace(colours=np.array([colour] * 5)))
             for k, colour in objects.items()
         }
         known: Any = {k: [k] for k in objects}

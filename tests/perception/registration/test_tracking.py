@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -136,7 +137,7 @@ def recognised(
 
     class Model:
         def __init__(self, name: str) -> None:
-            self.name = name
+            self.name, self.coloured = name, True
             self.asset = type("A", (), {"colours": np.full((10, 3), 0.5)})()
 
     def search(model: Any, frame: Any, points_W: Array, orientations: Any, params: Any) -> Found | None:
@@ -246,7 +247,7 @@ def test_a_search_comes_when_its_time_has_come(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(tracking, "recognise", nothing)
     monkeypatch.setattr(Frame, "of", staticmethod(lambda segments, shift: None))
-    known: Any = [tracking.Known(None, [(np.eye(3), 0.1)], [(np.eye(3), 0.2)])]  # type: ignore[arg-type]
+    known: Any = [tracking.Known(SimpleNamespace(coloured=True), [(np.eye(3), 0.1)], [(np.eye(3), 0.2)])]  # type: ignore[arg-type]
     slots = [Slot()]
     for k in range(40):
         View.time = k * PARAMS.search_period / 4

@@ -84,7 +84,7 @@ class Image:
         return SimpleNamespace(registration=self.answers.pop(0)) if self.answers else None
 
 
-KNOWN = Known(SimpleNamespace(radius=0.04, turns=[]), ["upright"], ["fallen"])  # type: ignore[arg-type, list-item]
+KNOWN = Known(SimpleNamespace(radius=0.04, turns=[], coloured=True), ["upright"], ["fallen"])  # type: ignore[arg-type, list-item]
 BAD = {"quality": 0.1}
 FOUND = pose()
 
@@ -278,7 +278,7 @@ def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatc
     slots = [Slot(attempts=k) for k in range(4)]
     found = tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, "free")  # type: ignore[arg-type]
     assert found == {1: replace(FOUND, odds=TURNED.most)} and list(asked[0]) == [0, 1, 3]
-    assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[2:] == ["free", PARAMS, 10, {}]
+    assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[2:] == ["free", PARAMS, 10, {}, []]
 
 
 def test_a_slot_comes_back_from_its_vector() -> None:
@@ -291,3 +291,14 @@ def test_a_slot_comes_back_from_its_vector() -> None:
     for name in ("R", "p", "velocity"):
         np.testing.assert_allclose(getattr(back, name), getattr(one, name), atol=1e-12)
     assert not Slot.unpack(Slot().pack()).known
+
+
+def test_what_has_no_colours_is_looked_for_standing_and_lying_beside_its_likes() -> None:
+    bare = Known(replace_model(coloured=False), ["upright"], ["fallen"])  # type: ignore[arg-type, list-item]
+    assert tracking.orientations(bare, Slot(), 0.0) == ["upright", "fallen"]
+    assert tracking._rivals([KNOWN, bare, bare, bare], [1]) == [(bare.model, ["upright", "fallen"])]
+    assert tracking._rivals([KNOWN, bare], [0, 1]) == []
+
+
+def replace_model(coloured: bool) -> Any:
+    return SimpleNamespace(radius=0.04, turns=[], coloured=coloured)

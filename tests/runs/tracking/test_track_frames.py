@@ -124,6 +124,19 @@ def test_a_pushed_box_is_followed_in_w(tracked: Path) -> None:
         assert one["hypotheses"][0]["p_WO"] == one["p_WO"]
 
 
+def test_a_mesh_without_colours_is_found_by_its_shape(scene: Path, tmp_path: Path) -> None:
+    """An STL tells no colours, and those that pictures show of it veto nothing; another box stays unknown."""
+    for name, size in (("brick", SIZE), ("other", (0.1, 0.1, 0.03))):
+        trimesh.creation.box(np.array(size) * 1000.0).export(tmp_path / f"{name}.stl")
+        build_from_mesh(tmp_path / f"{name}.stl", name, tmp_path / "bare", 0.4, None, "mm", False)
+    assert track(tmp_path / "bare", scene, tmp_path / "out") == 0
+    for k, line in enumerate(lines(tmp_path / "out")):
+        one = of(line, "brick")
+        true = np.array([STEP * k - 0.04, 0.02, SIZE[2] / 2])
+        assert np.linalg.norm(np.array(one["p_WO"]) - true) < 0.004 and angle(one["q_WO"], YAW) < np.radians(2.0), k
+        assert {entry["asset"] for entry in line["objects"]} == {"brick", None}
+
+
 def test_results_are_bops_in_the_cameras_frame(tracked: Path, taken: Shots) -> None:
     head, *rows = (tracked / "poses.csv").read_text().splitlines()
     assert head == "scene_id,im_id,obj_id,score,R,t,time" and len(rows) == 6
@@ -208,6 +221,7 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(
         ((library, scene), head + good.replace("0,0,1,1,", "0,0,1,nan,", 1), "score one"),
         ((library, scene), head + good.replace("0 0 500", "0 0 -500"), "not before the camera"),
         ((library, scene), head + good.replace("0 0 500", "1e300 0 500"), "not before the camera"),
+        ((library, scene), head + good.replace("0 0 500", "0 0 0.5"), "is it in another unit"),
     ):
         poses.write_text(text)
         more = ("--init", str(poses)) if text or "first frame" in said else ()
@@ -246,6 +260,19 @@ def test_a_view_that_is_no_cameras_is_refused(
     assert track(library, frames, tmp_path / "out") == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert len(error) == 1 and said in error[0] and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("factor", [1000.0, 0.001])
+def test_depth_in_another_unit_is_refused(
+    factor: float, library: Path, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = shutil.copytree(scene, tmp_path / "frames")
+    entries = json.loads((frames / "scene_camera.json").read_text())
+    wrong = {k: e | {"depth_scale": e["depth_scale"] * factor} for k, e in entries.items()}
+    (frames / "scene_camera.json").write_text(json.dumps(wrong))
+    assert track(library, frames, tmp_path / "out") == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len(error) == 1 and "is depth_scale in another unit" in error[0] and not (tmp_path / "out").exists()
 
 
 def test_a_negative_seed_is_refused(

@@ -35,6 +35,16 @@ class Tuning:
     most_dent: float = 0.01
     """… and no more [m]."""
 
+    hollow: float = 0.08
+    """Share of the surface that faces more of the hull's inside than `most_dent`, from which it is a hollow, thin
+    though its walls are: of a bowl it is 0.45, of scanned boxes and cans up to 0.04."""
+
+    asked: int = 2000
+    """Triangles of which that is asked, about, …"""
+
+    sights: int = 60
+    """… and of those that face the hull's inside, how many are asked whether the surface itself is before them."""
+
     step: float = 0.02
     """Distance of the points that are looked at on the surface, as a share of the object's size."""
 
@@ -80,7 +90,8 @@ def pieces_of(vertices: Array, faces: Faces, volume: float) -> Pieces:
     hull = hull_of(vertices)
     points = spread(vertices[faces], TUNING.step * size)
     allowed = float(np.clip(TUNING.dent * size, TUNING.least_dent, TUNING.most_dent))
-    if volume >= TUNING.full * hull.volume or dent(hull, points) <= allowed:
+    full = volume >= TUNING.full * hull.volume
+    if full or (dent(hull, points) <= allowed and hollow(hull, vertices[faces]) <= TUNING.hollow):
         return Pieces((simplified(hull),), "its convex hull")
     found = _taken_apart(vertices, faces)
     if not found:
@@ -94,6 +105,43 @@ def dent(hull: ConvexHull, points: Array) -> float:
     for plane in np.unique(np.round(hull.equations, 9), axis=0):
         depth = np.minimum(depth, -(points @ plane[:3] + plane[3]))
     return float(np.quantile(depth, 0.99))
+
+
+def hollow(hull: ConvexHull, corners: Array) -> float:
+    """Return the share of a surface, triangles (F, 3, 3), from which one sees out, through more than `most_dent`.
+
+    How deep it lies below the hull does not tell: the floor of a bowl is as near to it as the bowl is thick. What faces
+    a cavity that is closed sees the surface.
+    """
+    some = corners[:: max(1, len(corners) // TUNING.asked)]
+    across = np.cross(some[:, 1] - some[:, 0], some[:, 2] - some[:, 0])
+    twice = np.linalg.norm(across, axis=1)
+    way = across / np.maximum(twice, 1e-30)[:, None]
+    middle = some.mean(axis=1)
+    leave = np.full(len(some), np.inf)
+    for plane in np.unique(np.round(hull.equations, 9), axis=0):
+        out = way @ plane[:3]
+        left = -(middle @ plane[:3] + plane[3])
+        leave = np.where(out > 1e-6, np.minimum(leave, left / np.maximum(out, 1e-6)), leave)
+    deep = np.flatnonzero(leave > TUNING.most_dent)
+    share = float(twice[deep].sum() / max(float(twice.sum()), 1e-30))
+    if share <= TUNING.hollow:
+        return share
+    sights = deep[:: max(1, len(deep) // TUNING.sights)]
+    return share * float(np.mean([not _meets(middle[k], way[k], corners) for k in sights]))
+
+
+def _meets(start: Array, way: Array, corners: Array) -> bool:
+    """Return whether a ray, from just off its start, meets a triangle of (F, 3, 3) (Möller and Trumbore, 1997)."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    side = np.cross(way, b)
+    det = np.einsum("fi,fi->f", a, side)
+    inverse = 1.0 / np.where(np.abs(det) > 1e-15, det, np.inf)
+    off = start - corners[:, 0]
+    u = np.einsum("fi,fi->f", off, side) * inverse
+    turned = np.cross(off, a)
+    v, t = turned @ way * inverse, np.einsum("fi,fi->f", b, turned) * inverse
+    return bool(((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-5) & (np.abs(det) > 1e-15)).any())
 
 
 def simplified(hull: ConvexHull) -> Array:

@@ -16,6 +16,8 @@ from twin_diagram.assets.building.decimation import decimated, enclosed_volume
 from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse, without
 from twin_diagram.assets.building.iso_surface import zero_surface
+from twin_diagram.assets.building.looking_past import TUNING as PAST
+from twin_diagram.assets.building.looking_past import check_unseen, looking_past
 from twin_diagram.assets.building.selection import TUNING as CHOICE
 from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
 from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
@@ -191,7 +193,7 @@ def reconstruct(
     vertices, faces = decimated(vertices, faces, TUNING.faces)
     check_size(vertices, where)
     count = views_that_see(views, vertices, vertex_normals(vertices, faces))
-    unseen = share_unseen(vertices, faces, count)
+    unseen = check_unseen(share_unseen(vertices, faces, count), where)
     say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
     return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise)
 
@@ -338,13 +340,14 @@ def _through(low: Array, high: Array, noise: float) -> float:
 
 
 def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, noise: float, where: str) -> None:
-    shares = denied(views, low, high, _through(low, high, noise))
-    worst = int(np.argmax(shares))
-    if shares[worst] > TUNING.denied:
-        raise FramesError(
-            f"{where}: view {worst} contradicts the others: "
-            f"they look through {100 * shares[worst]:.0f} % of what it shows"
-        )
+    through = _through(low, high, noise)
+    for shares, most, why in (
+        (looking_past(views, low, high, through), PAST.past, "it looks through {:.0f} % of what they show"),
+        (denied(views, low, high, through), TUNING.denied, "they look through {:.0f} % of what it shows"),
+    ):
+        worst = int(np.argmax(shares))
+        if shares[worst] > most:
+            raise FramesError(f"{where}: view {worst} contradicts the others: {why.format(100 * shares[worst])}")
 
 
 def _kept_to_mask(view: DepthView, growth: int) -> DepthView:

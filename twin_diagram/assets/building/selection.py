@@ -58,6 +58,9 @@ class Tuning:
     reach: float = 0.6
     """Radius about what the cameras look at within which a thing is looked for, as a share of their distance."""
 
+    most_cells: float = 1e8
+    """Of cells: more is no scene about one thing, but one in a wrong unit; five metres each way have as many."""
+
     least_points: int = 60
     """Least number of points an object must have."""
 
@@ -128,6 +131,12 @@ def the_one_thing(points: Array, where: str) -> npt.NDArray[np.int64]:
     if len(points) < TUNING.least_points:
         raise FramesError(
             f"{where}: nothing is there: {len(points)} points of an object, {TUNING.least_points} are needed"
+        )
+    extent = np.ptp(points, axis=0)
+    if float((extent / TUNING.cell + 1.0).prod()) > TUNING.most_cells:
+        said = " × ".join(f"{x:.3g}" for x in extent)
+        raise FramesError(
+            f"{where}: what is there would be {said} m large; is a unit wrong (depth_scale: mm per step)?"
         )
     found = things(points)
     if len(found) > 1 and len(found[1]) >= max(TUNING.second * len(found[0]), TUNING.least_points / 2):

@@ -169,6 +169,8 @@ class FrameFolder:
             raise FramesError(f"{self._file}: frame {number} has no {key}")
         try:
             values = np.array(entry[key], dtype=float).reshape(-1)
+            if isinstance(entry[key], bool):
+                raise TypeError
         except (TypeError, ValueError):
             raise FramesError(f"{self._file}: frame {number}: {key} is {entry[key]!r}, not numbers") from None
         if len(values) != count or not np.isfinite(values).all():
@@ -239,12 +241,14 @@ def read_mask(path: Path, size: tuple[int, ...] | None = None) -> Mask:
     """Return (h, w), where an image is not black.
 
     Raises:
-        FramesError: not readable, empty, or not of `size` (h, w) where one is told.
+        FramesError: not readable, empty, full, or not of `size` (h, w) where one is told.
     """
     image = read_image(path, cv2.IMREAD_UNCHANGED)
     mask = image.reshape(*image.shape[:2], -1).max(axis=-1) > 0
     if not mask.any():
         raise FramesError(f"{path}: the mask is empty")
+    if mask.all():
+        raise FramesError(f"{path}: the mask holds the whole picture; it must be black where the object is not")
     if size is not None and mask.shape != size:
         raise FramesError(f"{path}: {_said(mask.shape)}, the picture is {_said(size)}")
     return np.asarray(mask)
@@ -258,4 +262,7 @@ def _by_number(raw: Any, path: Path) -> dict[int, dict[str, Any]]:
     good = isinstance(raw, dict) and raw and all(k.isdecimal() and isinstance(v, dict) for k, v in raw.items())
     if not good:
         raise FramesError(f"{path}: must hold an object per frame, by the frame's number")
+    twice = [key for key in raw if key != str(int(key)) and str(int(key)) in raw]
+    if twice:
+        raise FramesError(f"{path}: frame {int(twice[0])} is there twice, as {twice[0]!r} too")
     return {int(key): value for key, value in raw.items()}

@@ -127,7 +127,12 @@ def in_place(looked: Looked, frame: Frame) -> npt.NDArray[np.bool_]:
 
 
 def colours_missed(looked: Looked, frame: Frame, weight: Array, level: int) -> tuple[Array, Array]:
-    """Return (B, P, 3) by what colours miss the model's, and those (B, P, 3) in the light fitted where `weight` is."""
+    """Return (B, P, 3) by what colours miss the model's, and those (B, P, 3) in the light fitted where `weight` is.
+
+    Nothing is missed of a model without colours.
+    """
+    if not looked.coloured:
+        return np.zeros(looked.colour.shape), looked.colour
     found = frame.plain_colour_at(looked.u, looked.v, level)
     gain = brightness(found, looked.colour, looked.n, weight)[..., None]
     lit = np.minimum(looked.colour * gain, 1.0)
@@ -179,7 +184,7 @@ def weak_directions(looked: Looked, frame: Frame, votes_each: float, colour_shar
     both = scale[:, None] * scale
     H = (J[0] * w[0][:, None]).T @ J[0] / votes_each * both
     Hc = np.zeros((6, 6))
-    if colour_share > 0.0:
+    if colour_share > 0.0 and looked.coloured:
         colours = colour_terms(looked, frame, FINE, TUNING.reach, colour_share).without_shift(frame.shift)
         Hc = colours.H[0] / CLAIMS.colours_alike * both
     values, ways = np.linalg.eigh(H + Hc)

@@ -72,7 +72,8 @@ def judge(looked: Looked, frame: Frame, level: int = FINE, slack: float = 0.003)
     weight = placed_weights(looked.told, looked.flags, (noise.floor, noise.growth, noise.start), cuts)
     found = frame.plain_colour_at(looked.u, looked.v, level)
     gain = brightness(found, looked.colour, looked.n, weight)
-    sums = counts(looked.told, looked.flags, weight, found, gain, (RESIDUALS.colour_cut, LOOKING.least_facing))
+    cut = RESIDUALS.colour_cut if looked.coloured else np.inf
+    sums = counts(looked.told, looked.flags, weight, found, gain, (cut, LOOKING.least_facing))
     fits, alike, placed, open_, lost, whole, points = sums.T
     shown = np.maximum(open_, 1e-9)
     return PoseFit(

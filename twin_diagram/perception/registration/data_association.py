@@ -73,10 +73,12 @@ class Looked:
     Attributes:
         told: (B, P, COLUMNS) numbers, of which the properties are views.
         flags: (B, P) bits.
+        coloured: whether the model has colours that say anything.
     """
 
     told: Array
     flags: npt.NDArray[np.uint8]
+    coloured: bool = True
 
     @property
     def r(self) -> Array:
@@ -176,4 +178,4 @@ def look(model: ModelCloud, frame: Frame, poses: Poses, count: int, level: int) 
         told,
         flags,
     )
-    return Looked(told, flags)
+    return Looked(told, flags, model.coloured)

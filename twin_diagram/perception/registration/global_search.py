@@ -213,7 +213,8 @@ def search(
     if len(laid.p) > TUNING.most_starts:
         fit = assess(model, frame, laid, TUNING.coarse_points, COARSE, slack=0.015)
         laid = laid[np.argsort(-fit.likeness * np.minimum(fit.points, 20.0), kind="stable")[: TUNING.most_starts]]
-    return best_of(model, frame, laid, thin, RESTING, params)
+    sure = TUNING.sure if model.coloured else np.inf
+    return best_of(model, frame, laid, thin, RESTING, params, sure)
 
 
 def shown_by(model: ModelCloud, R: Array, towards: Array) -> tuple[Array, Array]:

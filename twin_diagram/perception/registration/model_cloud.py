@@ -42,6 +42,9 @@ class Tuning:
     coloured: float = 0.02
     """A turn after which colours differ by less on average [of 1] nobody can tell: it is no mistake."""
 
+    grey: float = 0.02
+    """Colours that differ by less than this [of 1] from one grey are none: the object's mesh had none."""
+
     steps: int = 24
     """About the axis of a round thing so many turns are told apart: 15° from each to the next."""
 
@@ -91,6 +94,11 @@ class ModelCloud:
     def seen(self) -> tuple[object, ...]:
         """What `look_up` reads: the table, directions, what is seen from each, and how much of it."""
         return self.table, one_layout(self.directions), one_layout(self.views), one_layout(self.view_counts)
+
+    @cached_property
+    def coloured(self) -> bool:
+        """Whether its colours say anything: those of a mesh without any are one grey, and veto nothing."""
+        return bool(np.abs(self.colours[0] - self.colours[0].mean()).max() > TUNING.grey)
 
     @cached_property
     def view_area(self) -> float:

@@ -51,6 +51,10 @@ class Tuning:
     accept: float = 0.6
     """Least score of an object that is recognised."""
 
+    bare: float = 0.8
+    """The same of one without colours, of which nothing but its shape tells: boxes seen from one side have 0.7 where
+    they are other boxes. It is told by comparison: nothing is taken before all was tried."""
+
     aloft: float = 0.6
     """What looks less like itself than others do, before this camera and in this light, is accepted with a score as
     much lower where it was a moment ago, down to this share: half hidden cups before a D435 had 0.55 …"""
@@ -104,6 +108,7 @@ def recognise(
     params: scenario.Registration,
     smallest: int,
     floating: Mapping[int, Aloft] | None = None,
+    rivals: Sequence[tuple[ModelCloud, Sequence[tuple[Array, float]]]] = (),
 ) -> dict[int, Found]:
     """Find wanted objects in what no tracked object explains.
 
@@ -116,6 +121,7 @@ def recognise(
         params: tuning.
         smallest: points that a segment must have left.
         floating: of objects that are looked for in the air instead, what is known of them, by the object's number.
+        rivals: models of which there may be one more, and how they rest: what has no colours, is none of these.
 
     Returns:
         What was found, by the object's number; each segment's points go to one object alone.
@@ -125,39 +131,72 @@ def recognise(
     tried: dict[tuple[int, int], Found] = {}
     for k, model in wanted.items():
         own = hues(model.asset.colours)
+        sure = GLOBAL_SEARCH.sure if model.coloured else np.inf
         members = {s: np.flatnonzero(free & (segments.labels == s)) for s in range(segments.count)}
         likeness = {s: alike(own, hues(segments.colours[i])) for s, i in members.items() if len(i) >= smallest}
+        known, ways = (floating or {}).get(k), list(orientations.get(k, ()))
         for s in sorted(likeness, key=lambda s: -likeness[s]):
-            points = segments.points_W[members[s]]
-            if floating is not None and k in floating:
-                result = afloat(model, frame, points, floating[k].R, params)
-                result = result if result is not None and floating[k].may_be(result.registration) else None
-            else:
-                result = search(model, frame, points, list(orientations.get(k, ())), params)
-            if result is None:
-                continue
-            tried[k, s] = result
-            if result.score >= GLOBAL_SEARCH.sure:
-                break
+            result = _searched(model, frame, segments.points_W[members[s]], known, ways, params)
+            if result is not None:
+                tried[k, s] = result
+                if result.score >= sure:
+                    break
         best = max((result for (j, _), result in tried.items() if j == k), key=lambda r: r.score, default=None)
-        if best is not None and best.score >= GLOBAL_SEARCH.sure:
+        if best is not None and best.score >= sure:
             found[k] = best
             free[_owned(model, segments, best)] = False
     # The rest in the order of their scores, each only where its segment is still there.
-    for (k, _), result in sorted(tried.items(), key=lambda item: -item[1].score):
-        discount = _discount(floating[k], result) if floating is not None and k in floating else 1.0
-        if k in found or result.score < TUNING.accept * discount:
+    for (k, s), result in sorted(tried.items(), key=lambda item: -item[1].score):
+        accept = TUNING.accept if wanted[k].coloured else TUNING.bare
+        if k in found or result.score < accept * _discount((floating or {}).get(k), result):
             continue
         own_points = _owned(wanted[k], segments, result)
         if int(free[own_points].sum()) >= max(smallest // 2, len(own_points) // 2):
+            points = segments.points_W[free & (segments.labels == s)]
+            others = [one for (j, at), one in tried.items() if at == s and j != k]
+            if not wanted[k].coloured and _outdone(result, others, rivals, frame, points, params):
+                continue  # one more of what is elsewhere, too
             found[k] = result
             free[own_points] = False
     return found
 
 
-def _discount(known: Aloft, found: Found) -> float:
+def _searched(
+    model: ModelCloud,
+    frame: Frame,
+    points_W: Array,
+    known: Aloft | None,
+    ways: list[tuple[Array, float]],
+    params: scenario.Registration,
+) -> Found | None:
+    """Look for an object among a segment's points (N, 3), in the air where it is `known` to have been."""
+    if known is None:
+        return search(model, frame, points_W, ways, params)
+    result = afloat(model, frame, points_W, known.R, params)
+    return result if result is not None and known.may_be(result.registration) else None
+
+
+def _outdone(
+    one: Found,
+    others: Sequence[Found],
+    rivals: Sequence[tuple[ModelCloud, Sequence[tuple[Array, float]]]],
+    frame: Frame,
+    points_W: Array,
+    params: scenario.Registration,
+) -> bool:
+    """Return whether another object explains a segment's points (N, 3) better, or one more of the `rivals` does."""
+    tried = (search(model, frame, points_W, list(ways), params) for model, ways in rivals)
+    return any(other is not None and other.score > one.score for other in (*others, *tried))
+
+
+def _discount(known: Aloft | None, found: Found) -> float:
     """Return by which share less is accepted of what usually looks as much less like itself, and was there just now."""
-    if not known.just_lost or known.usual <= 0.0 or found.score < TUNING.alone * found.registration.quality:
+    if (
+        known is None
+        or not known.just_lost
+        or known.usual <= 0.0
+        or found.score < TUNING.alone * found.registration.quality
+    ):
         return 1.0
     return float(np.clip(known.usual / TUNING.usual, TUNING.aloft, 1.0))
 

@@ -162,12 +162,17 @@ def _rules(
     return (
         LOOKING.limits,
         (noise.floor, noise.growth, noise.start),
-        residual_constants(params.colour_weight),
+        residual_constants(colour_weight(model, params)),
         SILHOUETTE.cuts,
         (t.point_to_point, 2.0 * RESIDUALS.model_noise, model.spacing),
         (params.reach, t.narrow, t.least_gain, *t.small_step, *t.fine_from, *t.right, *t.largest_step),
         steps,
     )
+
+
+def colour_weight(model: ModelCloud, params: scenario.Registration) -> float:
+    """Return what colours count beside depth: nothing, where the model has none."""
+    return params.colour_weight if model.coloured else 0.0
 
 
 def register(
@@ -205,7 +210,8 @@ def register(
             break
     # A data sheet that promises too much must not make claims too narrow.
     more = residual_excess(looked, frame)
-    spread, evidence = claim(looked, frame, model, poses, points_W, TUNING.narrow, params.colour_weight, more)
+    share = colour_weight(model, params)
+    spread, evidence = claim(looked, frame, model, poses, points_W, TUNING.narrow, share, more)
     return RegisteredPose(
         R=poses.R[0],
         p=poses.p[0],

@@ -12,6 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
+from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
@@ -201,12 +202,19 @@ def search_for(
         view.params,
         view.smallest,
         {k: aloft(slots[k], time) for k in wanted if in_the_air(slots[k], time)},
+        _rivals(library, wanted),
     )
     return {
         k: unmistaken(library[k], view, one.registration)
         for k, one in found.items()
         if _convincing(library[k], slots[k], view, one.registration)
     }
+
+
+def _rivals(library: Sequence[Known], wanted: Sequence[int]) -> list[tuple[ModelCloud, Sequence[tuple[Array, float]]]]:
+    """Return what is not wanted and has no colours, each of its kind once: there may be one more of it."""
+    models = {id(library[k].model): library[k] for k in range(len(library)) if k not in wanted}
+    return [(one.model, [*one.upright, *one.fallen]) for one in models.values() if not one.model.coloured]
 
 
 def _convincing(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
@@ -275,6 +283,8 @@ def orientations(known: Known, slot: Slot, time: float) -> list[tuple[Array, flo
     """Return how an object may lie where it is searched for: things mostly stand, every other time they lie."""
     if in_the_air(slot, time):
         return []
+    if not known.model.coloured:
+        return [*known.upright, *known.fallen]  # or else what lies is taken for what stands and is shaped alike
     standing = slot.attempts % 3 - 1 if carried(slot, time) else slot.attempts % 2
     return (known.upright, known.fallen)[standing]
 

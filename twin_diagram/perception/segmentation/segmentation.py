@@ -21,6 +21,7 @@ from twin_diagram.perception.segmentation.planes import TUNING as PLANES
 from twin_diagram.perception.segmentation.planes import Plane, Told, find_plane, level_surfaces
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.segmentation.walls import walls
 from twin_diagram.signals.arrays import Array
 
 Mask = npt.NDArray[np.bool_]
@@ -184,7 +185,14 @@ def standing_out(depth: DepthImage, grid: Grid, table: Plane, params: scenario.P
     return result
 
 
-def label_pixels(depth: DepthImage, grid: Grid, params: scenario.Perception, near_robot: Near | None = None) -> Apart:
+def label_pixels(
+    depth: DepthImage,
+    grid: Grid,
+    params: scenario.Perception,
+    near_robot: Near | None = None,
+    *,
+    in_a_room: bool = False,
+) -> Apart:
     """Label each pixel of the grid: a thing, the robot, no depth, or background.
 
     Args:
@@ -192,12 +200,15 @@ def label_pixels(depth: DepthImage, grid: Grid, params: scenario.Perception, nea
         grid: of the camera.
         params: tuning.
         near_robot: see `Near`.
+        in_a_room: whether walls may be in the workspace, which are no things.
 
     Returns:
         Labels; things are numbered in the order of their first pixel.
     """
     table = support_plane(depth, grid, params)
     standing = standing_out(depth, grid, table or level(params.table_height), params)
+    if in_a_room:
+        standing &= ~walls(depth, standing, grid.rays, grid.camera.p_WC, grid.noise)
     step = 2 if depth.shape[1] >= TUNING.wide else 1
     z, stands = np.ascontiguousarray(depth[::step, ::step]), np.ascontiguousarray(standing[::step, ::step])
     part_of = _things(z, stands, grid, step, params, near_robot)
@@ -310,6 +321,8 @@ def segment(
     grid: Grid,
     params: scenario.Perception,
     near_robot: Near | None = None,
+    *,
+    in_a_room: bool = False,
 ) -> Segments:
     """Find what stands on the table and is not the robot.
 
@@ -320,13 +333,15 @@ def segment(
         grid: of the camera, with the stride of `params`.
         params: tuning.
         near_robot: (points_W (N, 3), margin) to a mask (N,) of the robot's points.
+        in_a_room: whether walls may be in the workspace, which are no things.
 
     Returns:
         Segments in the order of their first pixel.
     """
     depth = clean(depth)
     coarse = np.ascontiguousarray(depth[:: grid.stride, :: grid.stride])
-    return gathered(rgb, depth, time, grid, label_pixels(coarse, grid, params, near_robot), params.table_height)
+    apart = label_pixels(coarse, grid, params, near_robot, in_a_room=in_a_room)
+    return gathered(rgb, depth, time, grid, apart, params.table_height)
 
 
 def gathered(

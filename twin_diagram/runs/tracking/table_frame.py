@@ -1,14 +1,22 @@
-"""Finds the frame in which tracking works: z up from what things stand on, whatever W the pictures came with."""
+"""Finds the frame in which tracking works: z up from what things stand on, whatever W the pictures came with.
+
+A table may be the smaller part of a picture, beside floor and walls. Nothing tells where up is, so planes are found one
+after the other, whichever way they lie; things stand on the one on which most of what is no plane has its feet.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
-from twin_diagram.assets.building.support_plane import find_plane
-from twin_diagram.perception.pinhole import DepthImage, Pinhole, surface_at
+from twin_diagram.perception.pinhole import DepthImage, Pinhole
+from twin_diagram.perception.segmentation.planes import Plane, Told, find_plane
 from twin_diagram.signals.arrays import Array
+
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -20,6 +28,35 @@ class Tuning:
 
     beyond: float = 0.2
     """Where no plane is in view, what counts as standing begins this far behind the deepest point [m]."""
+
+    planes: int = 5
+    """Planes that are looked for: table, floor, and the walls of a corner, and one more."""
+
+    least_area: float = 0.05
+    """A plane of less surface is a thing's side, or lid [m²]: a cereal box has 0.035, a small table in view 0.1."""
+
+    on: tuple[float, float] = (0.008, 5.0)
+    """What is this near to a plane is its own [m], [standard deviations of depth]: depth bends by some."""
+
+    foot: float = 0.03
+    """What stands on a plane has points no higher above it [m], …"""
+
+    beside: int = 3
+    """… so near to the plane's own, in the image [pixel] …"""
+
+    touching: float = 0.06
+    """… and in space: not in front of it [m]."""
+
+    over: float = 0.3
+    """From above no feet are seen: then what is seen against a plane, no higher above it than this, stands on it
+    [m]."""
+
+    upright: tuple[float, float] = (-0.3, 0.3)
+    """Cameras are mostly held upright: a plane's normal that goes down in the image, by this share of it, counts a
+    tenth; one that goes up by this share counts whole."""
+
+    least_feet: float = 20.0
+    """Fewer pixels of feet are noise: then the largest surface is taken [pixel]."""
 
 
 TUNING = Tuning()
@@ -38,26 +75,79 @@ class TableFrame:
         return self.R_WT.T @ camera.R_WC, self.R_WT.T @ (camera.p_WC - self.p_WT)
 
 
-def table_frame(depth: DepthImage, camera: Pinhole, seed: int = 0) -> TableFrame:
+def table_frame(depth: DepthImage, camera: Pinhole) -> TableFrame:
     """Return the frame of the plane that things stand on; the camera's own, turned to look down, where there is none.
 
     Args:
         depth: (H, W) [m], 0 where there is none.
         camera: that took it, posed in W.
-        seed: of the search for the plane.
     """
     stride = max(1, depth.shape[1] // TUNING.columns)
-    coarse = np.ascontiguousarray(depth[::stride, ::stride])
-    valid = coarse > 0
-    points, normals = surface_at(coarse, camera.rays(stride), np.nonzero(valid), camera.p_WC)
-    plane = find_plane(points, normals, camera.p_WC, seed)
-    if plane is None:
+    z = np.ascontiguousarray(depth[::stride, ::stride]).astype(float)
+    rays = camera.rays(stride)
+    found = _planes(z, rays, camera)
+    if not found:
         up = -camera.R_WC[:, 2]
-        deepest = float(coarse.max()) if valid.any() else 1.0
+        deepest = float(z.max()) if (z > 0).any() else 1.0
         return TableFrame(_upright(up), camera.p_WC - (deepest + TUNING.beyond) * up, False)
-    up, offset = plane[:3], float(plane[3])
-    middle = points.mean(axis=0)
-    return TableFrame(_upright(up), middle - (middle @ up - offset) * up, True)
+    plane, own = found[_support(found, z, rays, camera)]
+    middle = (camera.p_WC + z[own][:, None] * rays[own]).mean(axis=0)
+    return TableFrame(_upright(plane.normal), middle - float(plane.height(middle)) * plane.normal, True)
+
+
+def _planes(z: Array, rays: Array, camera: Pinhole) -> list[tuple[Plane, Mask]]:
+    """Return the planes of a depth image (h, w), the largest surface first, and which pixels are theirs."""
+    left, found = z.copy(), []
+    for _ in range(TUNING.planes):
+        plane = find_plane(left, rays, camera.p_WC, camera.depth_noise, Told())
+        if plane is None or plane.area < TUNING.least_area:
+            break
+        off = np.abs(_heights(plane, z, rays, camera))
+        own = (left > 0) & (off < np.maximum(TUNING.on[0], TUNING.on[1] * camera.depth_noise(z)))
+        if not own.any():
+            break
+        found.append((plane, own))
+        left[own] = 0.0
+    return found
+
+
+def _heights(plane: Plane, z: Array, rays: Array, camera: Pinhole) -> Array:
+    """Return how far each pixel's point (h, w) lies off a plane [m]."""
+    return np.asarray(plane.height(camera.p_WC + z[..., None] * rays))
+
+
+def _support(found: list[tuple[Plane, Mask]], z: Array, rays: Array, camera: Pinhole) -> int:
+    """Return the number of the plane that things stand on."""
+    things = (z > 0) & ~np.any([own for _, own in found], axis=0)
+    low, high = TUNING.upright
+    ups = np.array([-float(plane.normal @ camera.R_WC[:, 1]) for plane, _ in found])
+    held = np.clip((ups - low) / (high - low), 0.1, 1.0)
+    heights = [_heights(plane, z, rays, camera) for plane, _ in found]
+    for highest, touching in ((TUNING.foot, TUNING.touching), (TUNING.over, np.inf)):
+        feet = np.array(
+            [_feet(things, own, z, h, highest, touching) for (_, own), h in zip(found, heights, strict=True)]
+        )
+        if feet.max() >= TUNING.least_feet:
+            return int(np.argmax(held * feet))
+    return int(np.argmax(held * [plane.area for plane, _ in found]))
+
+
+def _feet(things: Mask, own: Mask, z: Array, height: Array, highest: float, touching: float) -> float:
+    """Return how many pixels of what is no plane are low above one, and beside its own.
+
+    Args:
+        things: (h, w) what is no plane.
+        own: (h, w) the plane.
+        z: (h, w) depth [m].
+        height: (h, w) above the plane [m].
+        highest: of what counts [m].
+        touching: how far in front of the plane's pixels beside it that may be [m].
+    """
+    around = np.ones((2 * TUNING.beside + 1,) * 2, np.uint8)
+    # The plane's depth about each pixel, at its nearest.
+    near = cv2.erode(np.where(own, z, 1e3).astype(np.float32), around)
+    there = (near < 1e3) & (np.abs(near - z) < touching)
+    return float(np.count_nonzero(things & there & (height > 0.0) & (height < highest)))
 
 
 def _upright(up: Array) -> Array:

@@ -44,6 +44,8 @@ FARTHEST = 100.0
 REAL = CalibrationError(shift=0.005, turn=np.radians(0.5), focal=0.003, centre=1.0, depth_scale=0.01)
 """How well a depth camera is calibrated of which nothing is told, RMS: as good cameras on a hand-eye calibration are.
 One whose noise is white is a renderer's, and exact."""
+NEAREST = 0.01
+"""Nor is anything in its focus that is nearer [m]."""
 FOCALS = (0.1, 50.0)
 """Focal lengths over the image's size: views of 157° and of 1°."""
 
@@ -64,7 +66,7 @@ def track_frames(
         frames: BOP scene folder.
         out: folder that gets `poses.csv` and `objects.jsonl`.
         init: poses of the first frame's objects, in the layout of `poses.csv`; others are searched for.
-        seed: of what is drawn (the search for the plane).
+        seed: of what is drawn; at present nothing is.
         say: told what goes on.
         grow: folder that gets assets of unknown things which frames show from enough sides: those are followed under
             their names from then on. `library` may be empty then.
@@ -91,12 +93,12 @@ def track_frames(
         if base is None:
             noise = measured(frame.depth)
             doubt = _doubt(folder, noise)
-            base = table_frame(depth, camera, seed)
+            base = table_frame(depth, camera)
             if not base.found:
                 say("note: no table in view; all that is seen counts as standing")
             _start(tracker, told, base.camera(camera), frame.time - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
-        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION))
+        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION, in_a_room=True))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         seen_by |= {one.track: frame.colour for one in found if one.found}
         lines.append(json.dumps(_line(frame, found, assets, base, doubt, seen_by)))
@@ -188,9 +190,10 @@ def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> list[tup
             raise FramesError(f"{path}: line {number}: R is no rotation")
         if image != first:
             continue
-        if not 0.0 < t[2] / 1000.0 < FARTHEST or np.abs(t / 1000.0).max() > FARTHEST:
+        if not NEAREST < t[2] / 1000.0 < FARTHEST or np.abs(t / 1000.0).max() > FARTHEST:
             said = " ".join(f"{x:g}" for x in t)
-            raise FramesError(f"{path}: line {number}: t is {said} mm: not before the camera within {FARTHEST:g} m")
+            where = f"not before the camera, {NEAREST:g} to {FARTHEST:g} m away"
+            raise FramesError(f"{path}: line {number}: t is {said} mm: {where}; is it in another unit?")
         if which not in names:
             raise FramesError(f"{path}: line {number}: obj_id {which} is none of the library's {sorted(names)}")
         told.append((score, names[which], R, t / 1000.0))
@@ -207,7 +210,7 @@ def _doubt(folder: FrameFolder, noise: DepthSigma) -> CalibrationError:
 
 
 def _check(frame: RgbdFrame, frames: Path) -> None:
-    """Refuse cameras whose view is no camera's: their figures are of another unit or another image."""
+    """Refuse views and depths that are no camera's: their figures are of another unit or another image."""
     for which, camera in (("cam_K", frame.colour), ("the depth camera's cam_K", frame.camera)):
         for name, focal, size in (("fx", camera.fx, camera.width), ("fy", camera.fy, camera.height)):
             if not FOCALS[0] * size < focal < FOCALS[1] * size:
@@ -215,6 +218,13 @@ def _check(frame: RgbdFrame, frames: Path) -> None:
                     f"{frames}: frame {frame.number}: {which}: {name} is {focal:g} for {size} pixels; must be "
                     f"{FOCALS[0]:g} to {FOCALS[1]:g} times as much [px]"
                 )
+    if (there := frame.depth[frame.depth > 0]).size:
+        usual = float(np.median(there))
+        if not NEAREST < usual < FARTHEST:
+            raise FramesError(
+                f"{frames}: frame {frame.number}: depth is {usual:.3g} m (median), must be {NEAREST:g} to "
+                f"{FARTHEST:g} m; is depth_scale in another unit (mm per step)?"
+            )
 
 
 def _pinhole(camera: ViewCamera, R: Array, p: Array, noise: DepthSigma) -> Pinhole:
