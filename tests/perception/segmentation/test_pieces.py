@@ -106,6 +106,32 @@ def test_nothing_is_grown_into_what_the_camera_sees_to_be_free() -> None:
     assert held(np.array([[-0.02, 0.15, 0.02], [-0.004, 0.15, 0.04]]), [piece]).all()
 
 
+def test_a_roof_hides_behind_its_ridge_what_it_shows_before_it() -> None:
+    """Sight lines come down at 45°: all of a steep roof's far side may be there; a lid's would be seen."""
+    y, run = (grid.ravel() for grid in np.meshgrid(np.arange(0, 0.06, 0.002), np.arange(0, 0.05, 0.002)))
+    for rise, wanted in ((1.6, 0.1), (0.5, 0.075), (0.0, 0.05)):
+        roof = np.stack([-run, y, 0.04 + rise * run], axis=1)
+        points = np.concatenate([upright(0.06, 0.04), roof])
+        middle = points.mean(axis=0)
+        [piece] = convex_pieces(points, middle + [1.0, 0.0, 1.0], TABLE)
+        assert -piece[:, 0].min() == pytest.approx(wanted, abs=0.008), rise
+
+
+def test_what_a_neck_hides_of_a_shoulder_is_held() -> None:
+    """A can's lid, of which a third is hidden behind something narrow that stands on its middle."""
+    radius, height = 0.036, 0.15
+    x, y = (grid.ravel() for grid in np.meshgrid(*[np.arange(-radius, radius, 0.002)] * 2))
+    lid = np.stack([x, y, np.full(len(x), height)], axis=1)[np.hypot(x, y) < radius]
+    lid = lid[(np.abs(lid[:, 1]) > 0.013) | (lid[:, 0] > 0.013)]
+    turn, up = (grid.ravel() for grid in np.meshgrid(np.linspace(-1.3, 1.3, 40), np.arange(0, height, 0.002)))
+    front = np.stack([radius * np.cos(turn), radius * np.sin(turn), up], axis=1)
+    whole = np.random.default_rng(1).uniform([-radius, -radius, 0], [radius, radius, height], (4000, 3))
+    whole = whole[np.hypot(whole[:, 0], whole[:, 1]) < radius]
+    pieces = convex_pieces(np.concatenate([front, lid]), np.array([0.8, 0.0, 0.9]), TABLE)
+    assert held(whole, pieces).mean() > 0.98
+    assert volume(pieces) < 1.25 * np.pi * radius**2 * height
+
+
 def test_a_thing_of_two_heights_gets_more_pieces_than_one() -> None:
     tall, low = upright(0.06, 0.2, 0.06), upright(0.2, 0.04, 0.06) + [0.0, 0.06, 0.0]
     pieces = convex_pieces(np.concatenate([tall, low]), EYE, TABLE)

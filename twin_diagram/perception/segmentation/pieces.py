@@ -2,8 +2,11 @@
 
 The policy: whatever is seen of a thing reaches straight down to what it stands on. Where its surface bends down before
 it goes out of sight, as a ball's does and a lid's does not, it goes on away from the camera three times as far as it
-has come down, and a thing is no less deep than half its width; but never beyond its shadow, for there the camera sees
-that nothing is. A wrong guess costs the arm room, not a collision.
+has come down, and a thing is no less deep than half its width. Things are taken for their own mirror images, as boxes,
+cans and bottles are: a profile along the sight goes on behind as its front would if it were as deep as can be without
+being seen (a roof's ridge hides as much as it shows, a lid that is seen whole hides nothing), and so does the outline
+from above (a bottle's neck hides the far side of its shoulder). But nothing goes on beyond its shadow, for there the
+camera sees that nothing is. A wrong guess costs the arm room, not a collision.
 """
 
 from __future__ import annotations
@@ -35,6 +38,15 @@ class Tuning:
 
     depth_share: float = 0.5
     """A thing is at least this share of its width deep."""
+
+    strips: int = 16
+    """Into how many strips a thing is cut side by side, each of which goes on behind on its own."""
+
+    least_slope: float = 0.3
+    """Sight lines less steep than this are taken to be this steep: 2 mm of height would be more than 1 cm of depth."""
+
+    shown: float = 1.0
+    """Share of a strip that a mirror may show outside of the shadow, which noise does [%]."""
 
     edge: float = 96.0
     """Points over which the sight lines pass that are higher than this share of all make the far edge [%]."""
@@ -116,18 +128,23 @@ def _away_from_camera(points_W: Array, p_WC: Array, floor: Plane) -> tuple[Array
 def _grown(seen: Array, slope: float) -> Array:
     """Add to points (along sight, to the side, up) what is hidden behind and below them."""
     width = float(np.ptp(seen[:, 1]))
-    strip = np.minimum(((seen[:, 1] - seen[:, 1].min()) / max(width, 1e-6) * 16).astype(np.int64), 15)
+    count = TUNING.strips
+    strip = np.minimum(((seen[:, 1] - seen[:, 1].min()) / max(width, 1e-6) * count).astype(np.int64), count - 1)
+    # Sight lines that pass over all else: what is beyond them is hidden.
+    over = seen[:, 2] + slope * seen[:, 0]
+    taken = [int(k) for k in np.unique(strip)]
+    strips = {k: seen[strip == k] for k in taken}
+    rims = {k: seen[(strip == k) & (over >= np.percentile(over[strip == k], TUNING.edge))] for k in taken}
+    end = _mirrored(strips, rims, slope)
     parts = [seen]
-    for k in np.unique(strip):
-        own = seen[strip == k]
-        # Sight lines that pass over all else: what is beyond them is hidden.
-        over = own[:, 2] + slope * own[:, 0]
-        far = own[over >= np.percentile(over, TUNING.edge)]
-        drop = max(0.0, float(own[:, 2].max() - np.median(far[:, 2])))
-        reach = TUNING.bend * drop
+    for k in taken:
+        own, far = strips[k], rims[k]
+        middle = np.median(far, axis=0)
+        reach = TUNING.bend * max(0.0, float(own[:, 2].max() - middle[2]))
         reach = max(reach, max(TUNING.depth_share * width, TUNING.least_depth) - float(np.ptp(own[:, 0])))
+        reach = max(reach, end[k] - float(middle[0]))
         # Behind a sight line is the shadow: a point may be no higher than the line that passes over the far edge.
-        reach = min(reach, float(np.median(far[:, 2])) / max(slope, 1e-3))
+        reach = min(reach, float(middle[2]) / max(slope, 1e-3))
         if reach > 0.0:
             behind = far + [reach, 0.0, 0.0]
             behind[:, 2] -= slope * reach
@@ -135,6 +152,28 @@ def _grown(seen: Array, slope: float) -> Array:
     solid = np.concatenate(parts)
     solid[:, 2] = np.maximum(solid[:, 2], 0.0)
     return np.concatenate([solid, solid * [1.0, 1.0, 0.0]])
+
+
+def _mirrored(strips: dict[int, Array], rims: dict[int, Array], slope: float) -> dict[int, float]:
+    """Return how far away each strip ends if profiles and outline are their own mirror images [m].
+
+    Args:
+        strips: points (along sight, to the side, up) by number, side by side.
+        rims: of these, those over which the sight lines pass.
+        slope: of the sight lines.
+    """
+    near, end = {}, {}
+    for k, own in strips.items():
+        near[k] = float(own[:, 0].min())
+        rim = np.median(rims[k], axis=0)
+        # As far off as a mirror may stand so that what it shows of the strip lies in the shadow.
+        mirror = (rim[2] - own[:, 2]) / (2.0 * max(slope, TUNING.least_slope)) + (rim[0] + own[:, 0]) / 2.0
+        end[k] = 2.0 * float(np.percentile(mirror, TUNING.shown)) - near[k]
+    across = {k: TUNING.strips - 1 - k for k in strips if TUNING.strips - 1 - k in strips}
+    if not across:
+        return end
+    middle = float(np.median([(near[k] + end[other]) / 2.0 for k, other in across.items()]))
+    return {k: max(far, 2.0 * middle - near[across[k]]) if k in across else far for k, far in end.items()}
 
 
 def _slabs(solid: Array, count: int) -> list[Array]:

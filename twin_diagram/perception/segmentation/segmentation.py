@@ -16,6 +16,7 @@ from twin_diagram.perception.pinhole import (
     Pinhole,
     surface_at,
 )
+from twin_diagram.perception.segmentation.hovering import Sight, without_hovering
 from twin_diagram.perception.segmentation.parting import Labels, grown, part
 from twin_diagram.perception.segmentation.planes import TUNING as PLANES
 from twin_diagram.perception.segmentation.planes import Plane, Told, find_plane, level_surfaces
@@ -212,11 +213,29 @@ def label_pixels(
     step = 2 if depth.shape[1] >= TUNING.wide else 1
     z, stands = np.ascontiguousarray(depth[::step, ::step]), np.ascontiguousarray(standing[::step, ::step])
     part_of = _things(z, stands, grid, step, params, near_robot)
+    part_of = _held_up(part_of, z, grid, step, table or level(params.table_height), params)
     if step > 1:
         part_of = follow_nearest(part_of, z, depth, standing, params.cluster_gap)
     label_image = part_of.astype(np.int16)
     np.putmask(label_image, depth == 0, np.int16(SEGMENTS.no_depth))
     return Apart(label_image, int(part_of.max(initial=-1)) + 1, table)
+
+
+def _held_up(
+    part_of: Labels, z: DepthImage, grid: Grid, step: int, table: Plane, params: scenario.Perception
+) -> Labels:
+    """Join what hovers to what it hangs on; see `hovering`."""
+    count = int(part_of.max(initial=-1)) + 1
+    if count < 2:
+        return part_of
+    at = np.flatnonzero(part_of >= 0)
+    p_WC, up = grid.camera.p_WC, table.normal
+    facing = grid.small[::step, ::step].reshape(-1, 3)[at] @ up.astype(np.float32)
+    height = np.zeros(z.shape, dtype=np.float32)
+    height.ravel()[at] = z.ravel()[at] * facing + np.float32(p_WC @ up - table.offset)
+    least = max(params.table_clearance, TUNING.table_sigmas * float(grid.noise(np.median(z.ravel()[at]))))
+    sight = Sight.of(grid.camera.R_WC, up, grid.pitch * step)
+    return without_hovering(part_of, z, height, least, params.cluster_gap, sight)
 
 
 def _things(
