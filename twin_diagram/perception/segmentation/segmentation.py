@@ -17,7 +17,7 @@ from twin_diagram.perception.pinhole import (
     surface_at,
 )
 from twin_diagram.perception.segmentation.hovering import Sight, without_hovering
-from twin_diagram.perception.segmentation.parting import Labels, grown, part
+from twin_diagram.perception.segmentation.parting import Labels, follow_nearest, grown, part
 from twin_diagram.perception.segmentation.planes import TUNING as PLANES
 from twin_diagram.perception.segmentation.planes import Plane, Told, find_plane, level_surfaces
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
@@ -295,42 +295,6 @@ def _without_rims(
     things = np.flatnonzero(number[:count] >= 0)
     number[things] = np.arange(len(things), dtype=np.int32)
     return np.asarray(number[label], dtype=np.int32)
-
-
-def follow_nearest(label: Labels, z: DepthImage, depth: DepthImage, standing: Mask, gap: float) -> Labels:
-    """Label every pixel by the pixels of every second row and column about it.
-
-    Args:
-        label: (h, w) at every second pixel.
-        z: (h, w) depth there [m].
-        depth: (H, W) [m]
-        standing: (H, W), pixels that may get a label at all.
-        gap: a pixel is not labelled by one farther off in depth [m].
-
-    Returns:
-        (H, W)
-    """
-    result = np.full(depth.shape, SEGMENTS.background, dtype=np.int32)
-    at = np.flatnonzero(standing)
-    row, column = np.divmod(at, depth.shape[1])
-    here = depth.ravel()[at]
-    nearest = (row >> 1) * label.shape[1] + (column >> 1)
-    found = label.ravel()[nearest]
-    wrong = np.flatnonzero((found == SEGMENTS.background) | (np.abs(z.ravel()[nearest] - here) > gap))
-    row, column, here = row[wrong], column[wrong], here[wrong]
-    best = np.full(len(wrong), gap, dtype=np.float32)
-    instead = np.full(len(wrong), SEGMENTS.background, dtype=np.int32)
-    height, width = label.shape
-    for down in (0, 1):
-        for right in (0, 1):
-            r, c = np.minimum((row >> 1) + down, height - 1), np.minimum((column >> 1) + right, width - 1)
-            away = np.abs(z[r, c] - here)
-            better = (away < best) & (label[r, c] != SEGMENTS.background)
-            best = np.where(better, away, best)
-            instead = np.where(better, label[r, c], instead)
-    found[wrong] = instead
-    result.ravel()[at] = found
-    return result
 
 
 def segment(
