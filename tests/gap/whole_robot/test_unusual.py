@@ -130,3 +130,18 @@ def test_a_push_is_found_with_its_link_wrench_and_times_and_in_nothing_none() ->
     np.testing.assert_allclose(wrench[:3], [20.0, -10.0, 15.0], atol=3.0)
     calm = problem()
     assert not pushes(calm, solve(calm), terms_of(calm.sums, ARM))
+
+
+def test_what_friction_does_at_a_crawl_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = ARM.with_effects([everywhere("viscous_friction", damping=2.0)])
+    records = noisy(ARM, true, 10.0)
+    (record,) = records.records
+    v = record.v[:, 1]
+    rough = np.zeros_like(record.torque)
+    rough[:, 1] = 8.0 * np.sign(v) * np.exp(-((v / 0.08) ** 2))
+    records = replace(records, records=(replace(record, torque=record.torque + rough),))
+    whole, start = settled(begun(records, equations(records)))
+    terms = terms_of(whole.sums, ARM)
+    assert not pushes(whole, start, terms)
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.beside_rough_friction", lambda *_: np.inf)
+    assert pushes(whole, start, terms)

@@ -15,6 +15,7 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
+from twin_diagram.gap.whole_robot.rough_friction import rough_friction
 from twin_diagram.signals.arrays import Array
 
 
@@ -53,6 +54,9 @@ class Tuning:
     most: int = 3
     """Links that are looked at in each round."""
 
+    nothing: float = 1e-30
+    """Sum of squares below which a joint has nothing left: one that never moves, say [N²·m²]."""
+
     rounds: int = 2
     """Times that the span is looked for: with the noise that is left without, then with that beside the best one."""
 
@@ -65,7 +69,8 @@ Pairs = npt.NDArray[np.int64]
 def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
     """Return the push, over the span of time that suits it best, on the innermost link that suffices; or none.
 
-    Forces at links' origins are tried, and wrenches. A push is an event, so the fit of all motion judges it.
+    Forces at links' origins are tried, and wrenches. A push is an event, so the fit of all motion judges it, also
+    one in which friction is only roughly its law's.
 
     Args:
         problem: of what is there beside it.
@@ -82,9 +87,25 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
         tried = [_Tried.of(problem, z, _spanned(terms, *one[1:])) for one in found]
         best = max(tried, key=lambda one: one.score)
         quiet = replace(problem, variance=best.variance, share=best.share)
-    if best.score < TUNING.worth:
+    if best.score < TUNING.worth or beside_rough_friction(problem, z, best) < TUNING.worth:
         return []
     return [on_the_innermost(problem, z, terms, best.candidate)]
+
+
+def beside_rough_friction(problem: RobotProblem, z: Array, push: _Tried) -> float:
+    """Return a push's score where the joints that it explains may have rough friction [nats], see `rough_friction`.
+
+    Args:
+        problem: of what is there beside it, without it.
+        z: (Z,) its coordinates.
+        push: as it was found.
+    """
+    joints = np.flatnonzero(push.rises > TUNING.force)
+    rough = rough_friction(problem, z, [int(j) for j in joints])
+    beside = replace(problem, sums=problem.sums.with_further([*problem.sums.further, *rough]))
+    start = np.concatenate([z, np.zeros(sum(one.size for one in rough))])
+    beside = with_noise(beside, solve(beside, None, start))
+    return _Tried.of(beside, solve(beside, None, start), push.candidate).score
 
 
 def on_the_innermost(problem: RobotProblem, z: Array, terms: Terms, push: Candidate) -> Candidate:
@@ -109,6 +130,7 @@ class _Tried:
         candidate: the push.
         score: rise of the log likelihood less what its coefficients cost [nats].
         joints: number of joints that it drives.
+        rises: (n,) of each joint's log likelihood [nats].
         variance: (n,) of what is left beside it [N²·m²].
         share: (n,) of samples that are independent, without it or beside it.
     """
@@ -116,6 +138,7 @@ class _Tried:
     candidate: Candidate
     score: float
     joints: int
+    rises: Array
     variance: Array
     share: Array
 
@@ -129,11 +152,13 @@ class _Tried:
         tried = with_noise(tried, fitted)
         share = np.maximum(problem.share, tried.share)
         before, after = (one.squares(x, one.sums.whole) for one, x in ((problem, z), (tried, fitted)))
-        rise = 0.5 * float(np.sum(share * problem.sums.counted * np.log(before / np.maximum(after, 1e-30))))
+        ratio = np.maximum(before, TUNING.nothing) / np.maximum(after, TUNING.nothing)
+        rises = 0.5 * share * problem.sums.counted * np.log(ratio)
         size = np.sqrt(np.mean(candidate.columns**2, axis=(0, 2)))
         forces, both = _rank(candidate.columns[..., :3]), _rank(candidate.columns)
-        score = rise - TUNING.force * forces - TUNING.moment * (both - forces)
-        return _Tried(candidate, score, int(np.sum(size > TUNING.told * np.max(size))), tried.variance, share)
+        score = float(np.sum(rises)) - TUNING.force * forces - TUNING.moment * (both - forces)
+        drives = int(np.sum(size > TUNING.told * np.max(size)))
+        return _Tried(candidate, score, drives, rises, tried.variance, share)
 
 
 def _rank(columns: Array) -> int:
