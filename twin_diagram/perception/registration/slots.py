@@ -53,6 +53,12 @@ class Tuning:
     longest_wait: int = 4
     """A search that keeps failing is repeated after so many search periods."""
 
+    standing: int = 4
+    """After so many attempts an object is looked for as it stands, carried or not (`tracking.orientations`)."""
+
+    away: float = 5.0
+    """What was carried may be set down anywhere: for so long each search waits for one period only [s]."""
+
 
 TUNING = Tuning()
 
@@ -152,11 +158,22 @@ def stands_still(velocity: Array, covariance: Array, step: float) -> bool:
     return bool(np.all(speed < np.maximum(TUNING.rests, told)))
 
 
+def carried(slot: Slot, time: float) -> bool:
+    """Return whether an object that is lost was moving or held not long ago, and may be in the air."""
+    return slot.known and (slot.aloft or bool(np.any(slot.velocity))) and time - slot.seen < TUNING.away
+
+
 def postponed(slot: Slot, time: float, params: scenario.Registration) -> Slot:
     """Return the slot after a search in vain: the next one waits the longer, the more have failed."""
     attempts = slot.attempts + 1
-    wait = params.search_period * min(max(1, attempts // 2), TUNING.longest_wait)
+    longest = 1 if carried(slot, time) else TUNING.longest_wait
+    wait = params.search_period * min(max(1, attempts // 2), longest)
     return replace(slot, next_search=time + wait, attempts=attempts)
+
+
+def sought(slot: Slot, time: float) -> Slot:
+    """Return the slot of an object that is looked for at once, standing, as something new stands there."""
+    return replace(slot, next_search=min(slot.next_search, time), attempts=TUNING.standing)
 
 
 def measurement(slot: Slot, result: RegisteredPose | None, time: float) -> PoseMeasurement:

@@ -16,7 +16,7 @@ from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
-from twin_diagram.perception.registration.slots import Slot, measurement, postponed, seen
+from twin_diagram.perception.registration.slots import Slot, carried, measurement, postponed, seen
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.registration.where_expected import (
@@ -52,9 +52,6 @@ class Tuning:
 
     better: float = 0.15
     """It gives way to a pose that is likelier by so much."""
-
-    carried: float = 5.0
-    """What was lost while it moved is looked for in the air for so long [s]."""
 
     fastest: float = 1.2
     """What is carried goes no faster [m/s]: `where_expected`'s largest step at 15 Hz."""
@@ -220,11 +217,6 @@ def _rivals(library: Sequence[Known], wanted: Sequence[int]) -> list[tuple[Model
 def _convincing(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
     """Return whether a search is believed: what was seen before must look like itself, not only be of its shape."""
     return stands_out(known, view, one, slot.alike, anew=True) and looks_like_itself(one, slot.alike)
-
-
-def carried(slot: Slot, time: float) -> bool:
-    """Return whether an object that is lost was moving or held, and may be in the air."""
-    return slot.known and (slot.aloft or bool(np.any(slot.velocity))) and time - slot.seen < TUNING.carried
 
 
 def just_lost(slot: Slot, time: float) -> bool:

@@ -23,7 +23,7 @@ from twin_diagram.perception.registration.instances import (
     TUNING as INSTANCES,
 )
 from twin_diagram.perception.registration.registration import RegisteredPose
-from twin_diagram.perception.registration.slots import Slot, measurement, seen
+from twin_diagram.perception.registration.slots import Slot, measurement, seen, sought
 from twin_diagram.perception.registration.tracking import step
 from twin_diagram.perception.registration.turned_alike import unweighed
 from twin_diagram.perception.registration.view import Known
@@ -31,12 +31,15 @@ from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things import memory as things
 from twin_diagram.perception.things.clusters import Placed, clusters, unexplained
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.layouts import NEVER, PoseMeasurement
+from twin_diagram.signals.layouts import NEVER, ObjectStatus, PoseMeasurement
 from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, OWNER_SIZE, THING_SIZE
 
 HEAD: Final = 4 + COLOUR_SHIFT_SIZE
 """Numbers before the slots: next identities of an instance and of a thing; instances and things turned away; the
 colours' shift."""
+
+ARRIVING: Final = (ObjectStatus.UNSEEN, ObjectStatus.MOVING)
+"""What a thing was that has come to rest: seen once, or on its way."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +185,9 @@ def advance(
                 pose = unweighed(among[asset].model, pose)
                 if not _found_again(asset, pose, among[asset].model.radius, after, measured, first, pool):
                     pool.take_in(asset, pose, segments.time)
+    if _came_to_rest(beside.things, remembered):
+        lost = [k for k, one in enumerate(measured[:first]) if one.quality <= 0.0]
+        after = [sought(slot, segments.time) if k in lost else slot for k, slot in enumerate(after)]
     identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
     out = [one.thing.pack() for one in remembered]
     return Outcome(
@@ -224,6 +230,15 @@ class _Pool:
         slot = seen(Slot(), pose, time)
         self.keep(free, Instance(self.next_identity, asset, NEVER, slot), measurement(slot, pose, time))
         self.next_identity += 1
+
+
+def _came_to_rest(before: Sequence[things.Remembered], after: Sequence[things.Remembered]) -> bool:
+    """Return whether a thing that nobody knows is new in its place: it may be one of those that are looked for."""
+    rests = ObjectStatus.TRACKED
+    return any(
+        now.thing.status == rests and (then.thing.identity != now.thing.identity or then.thing.status in ARRIVING)
+        for then, now in zip(before, after, strict=True)
+    )
 
 
 def _compared(
