@@ -97,6 +97,21 @@ def test_what_moves_is_told_within_three_tenths_of_a_second(speed: float, direct
     assert told[-1][0].status == ObjectStatus.MOVING
 
 
+def test_what_comes_back_after_it_was_hidden_does_not_go_on_as_it_did() -> None:
+    watched, v = Watched(5), np.array([0.0, 0.4])
+    wall = [(np.array([0.95, -0.05, 0.45]), 0.19)]
+    place = PLACE - 0.2 * v
+    for k in range(8):
+        place = PLACE + v * PERIOD * (k - 8)
+        watched.see([standing(TALL, place, 0.3)])
+    (before,) = watched.see([standing(TALL, place, 0.3)])
+    assert before.velocity[1] > 0.2
+    for _ in range(8):  # seen, it would have come to rest
+        assert all(one.velocity[1] == before.velocity[1] for one in watched.see([], [*wall, *arm(0.0, 0.1)]))
+    (after,) = watched.see([standing(TALL, place, 0.3)])
+    assert not after.velocity.any()
+
+
 def test_what_turns_in_place_does_not_go() -> None:
     watched = Watched(3)
     fastest = 0.0
@@ -104,6 +119,24 @@ def test_what_turns_in_place_does_not_go() -> None:
         for one in watched.see([standing(SUGAR, PLACE, 1.0 * k * PERIOD)]):
             fastest = max(fastest, float(np.linalg.norm(one.velocity)))
     assert fastest < 0.06  # its corners go 0.1 m/s
+
+
+def edges_of(balls: list[tuple[Array, float]], place: Array) -> list[bool]:
+    """Which edges along the image's rows count, left then right, of a box there."""
+    segments = Watched(2).segments([standing(TALL, place, 0.3)], balls)
+    own = np.flatnonzero(np.linalg.norm(segments.points_W[:, :2] - place, axis=1) < 0.12)
+    row = shown_again(ShownMotion(), own, segments).rows[-1]
+    counts = row[10:].reshape(3, 3)
+    return [bool(counts[0, 0]), bool(counts[2, 0])]
+
+
+def test_edges_that_something_nearer_or_the_border_cuts_off_do_not_count() -> None:
+    assert edges_of([], PLACE) == [True, True]
+    right, left = edges_of(arm(0.06, 0.1), PLACE), edges_of(arm(-0.06, 0.1), PLACE)
+    assert sorted((right, left)) == [[False, True], [True, False]]
+    behind = [(centre - [0.45, 0.0, 0.0], radius) for centre, radius in arm(0.06, 0.1)]
+    assert edges_of(behind, PLACE) == [True, True]
+    assert sorted(edges_of([], np.array([0.45, 0.62]))) == [False, True]
 
 
 def test_a_motion_survives_its_vector() -> None:

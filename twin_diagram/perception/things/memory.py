@@ -25,7 +25,7 @@ from twin_diagram.perception.things.motion import MOTION_SIZE, ShownMotion, show
 from twin_diagram.perception.things.seen_through import seen_through
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus
-from twin_diagram.signals.things import CORNERS, PIECES, THING_SIZE, Thing
+from twin_diagram.signals.things import COAST, CORNERS, PIECES, THING_SIZE, Thing
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,9 @@ def seen(slot: Remembered, points: Array, segments: Segments) -> Remembered:
 def timed(slot: Remembered, own: npt.NDArray[np.int64], segments: Segments) -> Remembered:
     """Return a slot whose thing was seen as the segments' points `own`, with the velocity that images now tell."""
     motion = shown_again(slot.motion, own, segments)
-    velocity, variance = velocity_of(motion, slot.thing.velocity, segments)
+    rows = slot.motion.rows
+    recent = len(rows) > 0 and segments.time - rows[-1, 0] <= COAST
+    velocity, variance = velocity_of(motion, slot.thing.velocity if recent else np.zeros(3), segments)
     status = slot.thing.status
     if velocity.any() and status == ObjectStatus.TRACKED:
         status = ObjectStatus.MOVING
