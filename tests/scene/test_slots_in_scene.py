@@ -232,12 +232,29 @@ def test_hidden_is_neither_gone_nor_removed(made: Made) -> None:
     assert made.events(context) == [("new", "can"), ("stale", "can"), ("lost", "can")]
 
 
+def test_unknown_things_are_told_where_they_have_got_to(made: Made) -> None:
+    simulator = made.start()
+    context = simulator.get_mutable_context()
+    v = np.array([0.2, 0.0, 0.0])
+    thing = Thing(3, ObjectStatus.MOVING, 0.0, 0.0, CUBE.mean(axis=0), (CUBE,), v, 0.02**2)
+    made.tell(context, 0.0, (1.0, HERE), None, [thing])
+    simulator.AdvanceTo(0.1)
+    (now, nobody) = things_of(np.array(made.updater.GetOutputPort("things").Eval(made.own(context))))
+    np.testing.assert_allclose(now.shift, 0.1 * v, atol=1e-12)
+    np.testing.assert_allclose(now.velocity, v)
+    assert now.velocity_variance == 0.02**2 and not nobody.stands
+
+
 def test_rows_of_the_wires_hold_what_they_are_given() -> None:
-    thing = Thing(5, ObjectStatus.STALE, 0.25, 1.5, np.array([0.1, 0.2, 0.3]), (CUBE, CUBE[:5] + 1.0))
+    moves = np.array([0.1, -0.2, 0.3]), 0.01, np.array([0.01, 0.0, -0.02])
+    thing = Thing(5, ObjectStatus.STALE, 0.25, 1.5, np.array([0.1, 0.2, 0.3]), (CUBE, CUBE[:5] + 1.0), *moves)
     again = Thing.unpack(thing.pack())
     assert len(thing.pack()) == THING_SIZE
     assert (again.identity, again.status, again.first_seen, again.last_seen) == (5, ObjectStatus.STALE, 0.25, 1.5)
     np.testing.assert_array_equal(again.middle, thing.middle)
+    np.testing.assert_array_equal(again.velocity, moves[0])
+    np.testing.assert_array_equal(again.shift, moves[2])
+    assert again.velocity_variance == moves[1]
     assert len(again.pieces) == 2
     np.testing.assert_array_equal(again.pieces[1], CUBE[:5] + 1.0)
     assert things_of(np.zeros(2 * THING_SIZE)) and not things_of(np.zeros(THING_SIZE))[0].stands

@@ -28,7 +28,7 @@ from twin_diagram.signals.calibration_error import (
 )
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement
-from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE
+from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE, carried
 
 
 class SceneGraphUpdater(LeafSystem):
@@ -51,6 +51,7 @@ class SceneGraphUpdater(LeafSystem):
         - positions
         - tracks
         - further_tracks
+        - things
         - object_events
 
     Ports:
@@ -60,7 +61,8 @@ class SceneGraphUpdater(LeafSystem):
             the first image.
         gripper_state: (2g) finger positions [m] and speeds; the fingers stay as described where it is not connected.
         further_poses: (F · FURTHER_MEASUREMENT_SIZE) of further instances of the objects; see `signals.things`.
-        things: (T · THING_SIZE) of unknown things: for the events alone.
+        things: (T · THING_SIZE) of unknown things, as images showed them; out: at the present time, see
+            `signals.things.carried`.
         calibration: (10 + 100) errors of the camera's calibration that are taken out of what it shows, and their
             covariance; see `signals.calibration_error`. Not connected: none are, and what is told of them counts.
         rests: ((K + F) · RESTS_SIZE) the same where several cameras see the objects: of each what is left (6 × 6) and
@@ -146,6 +148,8 @@ class SceneGraphUpdater(LeafSystem):
         self._tracks_out = self.DeclareVectorOutputPort("tracks", size, self._calc_tracks, now)
         size = self._further * FURTHER_TRACK_SIZE
         self.DeclareVectorOutputPort("further_tracks", size, self._calc_further, now)
+        told = {self.time_ticket(), self.input_port_ticket(self._things_in.get_index())}
+        self.DeclareVectorOutputPort("things", self._things * THING_SIZE, self._calc_things, told)
         self.DeclareVectorOutputPort(
             "object_events", object_events.RING * object_events.EVENT_FIELDS, self._calc_events, {self.xd_ticket()}
         )
@@ -297,6 +301,11 @@ class SceneGraphUpdater(LeafSystem):
         if rows[:, 0].any():
             rows[:, OWNER_SIZE:] = self._tracks(context, part)
         output.SetFromVector(cast(Any, rows.ravel()))
+
+    def _calc_things(self, context: Context, output: BasicVector) -> None:
+        if self._things_in.HasValue(context):
+            things = carried(cast(Array, self._things_in.Eval(context)), context.get_time())
+            output.SetFromVector(cast(Any, things))
 
     def _calc_events(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state(int(self._events)).value())

@@ -105,10 +105,12 @@ def _tell_of_sight(
         connect_ports(builder, last, user, "object_poses")
     builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
     # What a user's own perception does not tell of, there is none of.
-    wary = (updater, moves, *([] if monitor is None else [monitor]))
-    for name, systems in (("further_poses", (updater,)), ("things", wary), ("turned_away", (health,))):
+    for name, systems in (("further_poses", (updater,)), ("things", (updater,)), ("turned_away", (health,))):
         if last.HasOutputPort(name):
             for system in systems:
                 connect_ports(builder, last, system, *inputs_of(system, (name,)))
             builder.ExportOutput(last.GetOutputPort(name), name)
+    if last.HasOutputPort("things"):  # where they are by now
+        for user in (moves, *([] if monitor is None else [monitor])):
+            connect_ports(builder, updater, user, *inputs_of(user, ("things",)))
     return last

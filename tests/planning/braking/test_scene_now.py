@@ -85,3 +85,19 @@ def test_the_hands_object_is_no_obstacle(near: DrakeDistances) -> None:
     touched = scene(near, *both, hand=Hand(touched=0).pack())
     assert list(touched.shapes.present[:2]) == [False, True]
     assert (touched.shapes.held, touched.shapes.on_support) == (ARM, False)
+
+
+def test_an_unknown_thing_that_moves_is_where_it_goes_and_as_fast(near: DrakeDistances) -> None:
+    nobody = track(ObjectStatus.UNSEEN)
+    box = 0.05 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    v, gone = np.array([0.3, 0.0, 0.0]), np.array([0.02, 0.0, 0.0])
+    rows = np.zeros((2, THING_SIZE))
+    rows[1] = Thing(1, ObjectStatus.MOVING, 0.0, 0.0, np.zeros(3), (box,), v, 0.04**2, gone).pack()
+    seen = scene(near, nobody, nobody, things=rows.ravel())
+    present, X_WO = seen.at(0.1)
+    assert list(np.flatnonzero(present)) == [4]
+    np.testing.assert_allclose(X_WO[4, :3, 3], gone + 0.1 * v, atol=1e-12)
+    left = seen.others(PARAMS, 0.0)
+    assert left.speed[5] == pytest.approx(0.3)
+    assert left.growth[5] == pytest.approx(PARAMS.unforeseen + 0.04)
+    assert left.growth[4] == pytest.approx(PARAMS.unforeseen)

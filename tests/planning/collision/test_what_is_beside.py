@@ -80,3 +80,24 @@ def test_growth_is_what_is_said(scene: Scene) -> None:
     broken = thing.pack()
     broken[9] = np.nan
     assert len(scene.forecast(none(), None, broken).present) == 2
+
+
+def test_an_unknown_thing_goes_on_as_it_goes_and_what_is_not_known_of_that_makes_it_larger(scene: Scene) -> None:
+    far, v = np.array([0.5, 0.6, 0.3]), np.array([0.0, -0.3, 0.0])
+
+    def ahead(variance: float) -> tuple[Array, Array]:
+        piece, gone = CUBE + far, np.array([0.0, -0.02, 0.0])
+        thing = Thing(1, ObjectStatus.MOVING, 0.0, 0.0, far, (piece,), v, variance, gone)
+        forecast = scene.forecast(none(), None, thing.pack())
+        assert forecast.moving.tolist() == [False, False, True]
+        poses, grown = forecast.at(np.array([0.0, 0.1, 0.5, 9.0]))
+        return poses[-1, :, :3, 3], grown[-1]
+
+    places, grown = ahead(0.02**2)
+    np.testing.assert_allclose(places[:3, 1], [-0.02, -0.05, -0.17], atol=1e-12)
+    assert places[3, 1] == pytest.approx(-0.02 - 0.3 * (TUNING.steady + TUNING.fade))
+    assert grown[0] == pytest.approx(TUNING.thing_growth)
+    assert (np.diff(grown) >= 0.0).all() and grown[1] > grown[0]
+    assert (ahead(0.1**2)[1][1:] > grown[1:]).all()
+    slow = Thing(1, ObjectStatus.TRACKED, 0.0, 0.0, far, (CUBE + far,), 0.9 * TUNING.rest_speed * np.eye(3)[0])
+    assert not scene.forecast(none(), None, slow.pack()).moving.any()

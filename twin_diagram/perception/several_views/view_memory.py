@@ -24,6 +24,7 @@ from twin_diagram.perception.registration.whole_image import ImageSettings, Othe
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.perception.things.memory import MEMORY_SIZE, Remembered
+from twin_diagram.perception.things.motion import ShownMotion
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus
 from twin_diagram.signals.things import PIECES, Thing
@@ -251,12 +252,12 @@ def _thing_of(view: ViewMemory, common: Remembered, k: int) -> Remembered:
     """Return an unknown thing as a camera remembers it: its own sides, with what all know."""
     own = view.things[k]
     if not common.thing.identity or own.thing.identity != common.thing.identity:
-        return replace(common, empty=0)
+        return replace(common, empty=0, motion=ShownMotion())
     since = own.empty if view.time > common.thing.last_seen else 0
     if not _stands_as_seen(own, common):
-        return replace(common, empty=since)
+        return replace(common, empty=since, motion=own.motion)
     thing = replace(common.thing, middle=own.thing.middle, pieces=own.thing.pieces)
-    mine = replace(common, samples=own.samples, made_at=own.made_at, rested_at=own.rested_at)
+    mine = replace(common, samples=own.samples, made_at=own.made_at, rested_at=own.rested_at, motion=own.motion)
     return replace(mine, thing=thing, empty=since)
 
 

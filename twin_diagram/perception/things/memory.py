@@ -21,10 +21,11 @@ from twin_diagram.perception.segmentation.segmentation import level
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed, reach_at
 from twin_diagram.perception.things.hulls import few_corners, inside
+from twin_diagram.perception.things.motion import MOTION_SIZE, ShownMotion, shown_again, velocity_of
 from twin_diagram.perception.things.seen_through import seen_through
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus
-from twin_diagram.signals.things import CORNERS, PIECES, THING_SIZE, Thing
+from twin_diagram.signals.things import COAST, CORNERS, PIECES, THING_SIZE, Thing
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ TUNING = Tuning()
 
 SAMPLES: Final = 32
 """Places on a thing's surface that are looked up in images."""
-MEMORY_SIZE: Final = THING_SIZE + 4 + 1 + 3 * SAMPLES + 6
+MEMORY_SIZE: Final = THING_SIZE + 4 + 1 + 3 * SAMPLES + 6 + MOTION_SIZE
 """A packed `Remembered`."""
 
 
@@ -89,6 +90,7 @@ class Remembered:
         samples: (S, 3) places on its visible surface, in W [m].
         made_at: (3,) its middle when its pieces were made.
         rested_at: (3,) its middle where it was last said to be, or to have moved to.
+        motion: what images showed of its motion.
     """
 
     thing: Thing = field(default_factory=Thing)
@@ -99,22 +101,26 @@ class Remembered:
     samples: Array = field(default_factory=lambda: np.zeros((0, 3)))
     made_at: Array = field(default_factory=lambda: np.zeros(3))
     rested_at: Array = field(default_factory=lambda: np.zeros(3))
+    motion: ShownMotion = field(default_factory=ShownMotion)
 
     def pack(self) -> Array:
         """Return it as a vector of `MEMORY_SIZE`."""
         places = np.zeros((SAMPLES, 3))
         places[: len(self.samples)] = self.samples
         head = [float(self.empty), self.moved, float(self.searches), self.next_search, float(len(self.samples))]
-        return np.concatenate([self.thing.pack(), head, places.ravel(), self.made_at, self.rested_at])
+        places_ = np.concatenate([places.ravel(), self.made_at, self.rested_at])
+        return np.concatenate([self.thing.pack(), head, places_, self.motion.pack()])
 
     @staticmethod
     def unpack(vector: Array) -> Remembered:
         """Return the inverse of `pack`; copies."""
         empty, moved, searches, next_search, count = vector[THING_SIZE : THING_SIZE + 5]
-        places = vector[THING_SIZE + 5 : -6].reshape(SAMPLES, 3)[: int(count)].copy()
+        motion = ShownMotion.unpack(vector[-MOTION_SIZE:])
+        places = vector[THING_SIZE + 5 : -6 - MOTION_SIZE].reshape(SAMPLES, 3)[: int(count)].copy()
         own = Thing.unpack(vector[:THING_SIZE])
-        made_at, rested_at = vector[-6:].reshape(2, 3).copy()
-        return Remembered(own, int(empty), float(moved), int(searches), float(next_search), places, made_at, rested_at)
+        made_at, rested_at = vector[-6 - MOTION_SIZE : -MOTION_SIZE].reshape(2, 3).copy()
+        counts = int(empty), float(moved), int(searches), float(next_search)
+        return Remembered(own, *counts, places, made_at, rested_at, motion)
 
 
 @dataclass(frozen=True)
@@ -165,7 +171,7 @@ def observe(
     cluster_of, taken = matched(after, points, segments)
     for k, slot in enumerate(after):
         if k in cluster_of:
-            after[k] = seen(slot, points[cluster_of[k]], segments)
+            after[k] = timed(seen(slot, points[cluster_of[k]], segments), found[cluster_of[k]], segments)
         elif slot.thing.identity:
             after[k] = unseen(slot, segments, known, life)
     new = [j for j in range(len(found)) if j not in taken]
@@ -178,7 +184,7 @@ def observe(
         if free is None:
             turned_away += 1
             continue
-        after[free], cluster_of[free] = made, j
+        after[free], cluster_of[free] = timed(made, found[j], segments), j
         next_identity += 1
     return Observed(after, next_identity, turned_away, cluster_of)
 
@@ -231,6 +237,19 @@ def seen(slot: Remembered, points: Array, segments: Segments) -> Remembered:
     if elsewhere and there.mean() < TUNING.hidden:
         made = replace(made, moved=time, rested_at=middle)
     return replace(made, thing=replace(made.thing, status=_status(made, time)), empty=0)
+
+
+def timed(slot: Remembered, own: npt.NDArray[np.int64], segments: Segments) -> Remembered:
+    """Return a slot whose thing was seen as the segments' points `own`, with the velocity that images now tell."""
+    motion = shown_again(slot.motion, own, segments)
+    rows = slot.motion.rows
+    recent = len(rows) > 0 and segments.time - rows[-1, 0] <= COAST
+    velocity, variance = velocity_of(motion, slot.thing.velocity if recent else np.zeros(3), segments)
+    status = slot.thing.status
+    if velocity.any() and status == ObjectStatus.TRACKED:
+        status = ObjectStatus.MOVING
+    thing = replace(slot.thing, status=status, velocity=velocity, velocity_variance=variance)
+    return replace(slot, thing=thing, motion=motion)
 
 
 def unseen(slot: Remembered, segments: Segments, known: Sequence[Placed], life: Life) -> Remembered:

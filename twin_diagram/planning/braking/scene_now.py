@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from twin_diagram.planning.collision.held_shape import obstacles_beside
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.layouts import TRACK_SIZE
-from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, things_of
+from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, Thing, things_of
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class SceneNow:
 
     Attributes:
         shapes: what the slots hold.
-        forecast: of library objects and further instances; unknown things stand where they are told.
+        forecast: of library objects and further instances.
+        unknown: of unknown things.
         radii: (K + F,) of balls about those [m].
         fixtures: how many bodies come before the slots.
         fingers: (g,) where they are [m]; None: as described.
@@ -44,6 +46,7 @@ class SceneNow:
 
     shapes: Shapes
     forecast: Forecast
+    unknown: Forecast
     radii: Array
     fixtures: int
     fingers: Array | None
@@ -54,6 +57,7 @@ class SceneNow:
         X_WO = np.tile(np.eye(4), (len(self.shapes.present), 1, 1))
         poses, _ = self.forecast.at(np.array([after]))
         X_WO[: len(poses)] = poses[:, 0]
+        X_WO[len(poses) :] = self.unknown.at(np.array([after]))[0][:, 0]
         return self.shapes.present, X_WO
 
     def others(self, params: scenario.Braking, spare: float) -> Allowances:
@@ -66,8 +70,11 @@ class SceneNow:
         margin[f + count :] += COLLISION_SCENE.thing_growth
         margin[f:] += params.unforeseen * self.age
         growth[f:] = params.unforeseen
+        for k, how in self.unknown.unsure.items():
+            growth[f + count + k] += float(np.sqrt(how.speed or 0.0))
         turning = np.linalg.norm(self.forecast.spin, axis=1) * self.radii
         speed[f : f + count] = np.linalg.norm(self.forecast.velocity, axis=1) + turning
+        speed[f + count :] = np.linalg.norm(self.unknown.velocity, axis=1)
         guessed = np.arange(f + slots) >= f + count
         return Allowances(margin, growth, speed, guessed)
 
@@ -108,18 +115,16 @@ def read_scene(
     whose = np.isfinite(rows[:, :OWNER_SIZE]).all(axis=1) & (rows[:, 0] > 0)
     kinds = np.where(whose, rows[:, 1], 0.0).astype(int)
     forecast = Forecast.of_tracks(np.concatenate([tracks, rows[:, OWNER_SIZE:].ravel()]))
-    standing: list[tuple[Array, ...]] = [()] * unknown
-    filled = np.zeros(unknown, dtype=bool)
-    if things is not None and np.isfinite(things).all():
-        seen = things_of(things)
-        filled = np.array([thing.stands and bool(thing.pieces) for thing in seen], dtype=bool)
-        standing = [thing.pieces for thing in seen]
-    present = np.concatenate([forecast.present, filled])
+    told = things is not None and np.isfinite(things).all()
+    seen = things_of(cast(Array, things)) if told else [Thing()] * unknown
+    goes = Forecast.of_things(seen)
+    present = np.concatenate([forecast.present, goes.present])
     present[count : count + further] &= whose
+    whole = tuple(thing.pieces for thing in seen)
     shapes = Shapes(
-        present, tuple(kinds.tolist()), tuple(standing), ARM if held.held == NOTHING else held.held, held.X_TO,
+        present, tuple(kinds.tolist()), whole, ARM if held.held == NOTHING else held.held, held.X_TO,
         held.on_support,
     )  # fmt: skip
     own = None if fingers is None or not np.isfinite(fingers).all() else fingers[: len(fingers) // 2]
     others = radii[kinds] if len(radii) else np.zeros(further)
-    return SceneNow(shapes, forecast, np.concatenate([radii[:count], others]), near.fixture_count, own, age)
+    return SceneNow(shapes, forecast, goes, np.concatenate([radii[:count], others]), near.fixture_count, own, age)

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.planning.collision import forecast_growth
 from twin_diagram.planning.collision.ball_cover import arm_balls, arm_plant
 from twin_diagram.planning.collision.chain import Chain, depths
 from twin_diagram.planning.collision.clearance import Clearance, Surroundings
@@ -21,6 +20,7 @@ from twin_diagram.planning.collision.convex_solids import solid_of
 from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.planning.collision.solid_batch import Body
+from twin_diagram.planning.collision.unsure_pose import Unsure
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, Thing, things_of
@@ -131,7 +131,7 @@ class Scene:
         standing = _standing(things)
         if standing:
             shapes = tuple(body_of_pieces(*(corners.tobytes() for corners in thing.pieces)) for thing in standing)
-            parts.append((shapes, Forecast.standing_still(len(standing), TUNING.thing_growth)))
+            parts.append((shapes, Forecast.of_things(standing)))
         return forecast.joined(parts)
 
     def _kind(self, number: int, added: Sequence[Packed]) -> Body:
@@ -213,46 +213,6 @@ def load_scene(
 
 
 @dataclass(frozen=True)
-class Unsure:
-    """What is not known of an object's pose, and how that grows.
-
-    Attributes:
-        spread: (S, 2) of its surface, see `forecast_growth.spread`.
-        place, turn: variances of its place [m²] and its turn [rad²], of one coordinate each.
-        moving: whether they grow.
-    """
-
-    spread: Array
-    place: float
-    turn: float
-    moving: bool
-
-    @staticmethod
-    def of(covariance: Array, R_WO: Array, shape: Body | None, *, moving: bool) -> Unsure:
-        """Return it for a pose's covariance (6, 6); without a shape, of an object that is a point."""
-        if shape is None:
-            worst = float(np.linalg.eigvalsh((covariance + covariance.T)[3:, 3:] / 2)[-1])
-            rows = np.array([[max(worst, 0.0), 0.0]])
-        else:
-            rows = forecast_growth.outermost(forecast_growth.spread(shape.surface_O, covariance, R_WO))
-        variances = covariance.diagonal()
-        return Unsure(rows, float(variances[3:].sum()) / 3, float(variances[:3].sum()) / 3, moving)
-
-    @property
-    def now(self) -> float:
-        """How much larger it is taken to be now [m]."""
-        return float(forecast_growth.growth(self.spread, np.zeros(1), np.zeros(1))[0])
-
-    def growth(self, times: Array) -> Array:
-        """Return (N,) how much larger it is taken to be at `times` (N,) from now on [s]."""
-        if not self.moving:
-            return np.full(len(times), self.now)
-        shift = forecast_growth.added_variance(self.place, FORECAST_GROWTH.unsteady, times)
-        turn = forecast_growth.added_variance(self.turn, FORECAST_GROWTH.unsteady_spin, times)
-        return forecast_growth.growth(self.spread, shift, turn)
-
-
-@dataclass(frozen=True)
 class Forecast:
     """Where K objects are going, as their tracks tell.
 
@@ -277,11 +237,19 @@ class Forecast:
     unsure: Mapping[int, Unsure] = field(default_factory=dict)
 
     @staticmethod
-    def standing_still(count: int, grown: float) -> Forecast:
-        """Return the forecast of things that stand where their shapes are told to be, in W."""
-        on, off = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
-        none = np.zeros((count, 3))
-        return Forecast(on, off, np.tile(np.eye(3), (count, 1, 1)), none, none, none, np.full(count, grown))
+    def of_things(things: Sequence[Thing]) -> Forecast:
+        """Return the forecast of unknown things: their frames are W where they were last seen, and go as they do."""
+        count = len(things)
+        present = np.array([thing.stands and bool(thing.pieces) for thing in things], dtype=bool)
+        velocity = np.array([thing.velocity for thing in things]).reshape(count, 3)
+        moving = present & (np.linalg.norm(velocity, axis=1) >= TUNING.rest_speed)
+        velocity[~moving] = 0.0
+        shift = np.array([thing.shift for thing in things]).reshape(count, 3)
+        rows = np.array([[(TUNING.thing_growth / FORECAST_GROWTH.sigmas) ** 2, 0.0]])
+        unsure = {k: Unsure(rows, 0.0, 0.0, True, things[k].velocity_variance) for k in np.flatnonzero(moving).tolist()}
+        grown, none = np.full(count, TUNING.thing_growth), np.zeros((count, 3))
+        R_WO = np.tile(np.eye(3), (count, 1, 1))
+        return Forecast(present, moving, R_WO, shift, none, velocity, grown, unsure=unsure)
 
     def joined(self, parts: Sequence[tuple[tuple[Body, ...], Forecast]]) -> Forecast:
         """Return this forecast and others, each with the shapes of its bodies."""

@@ -91,7 +91,7 @@ def obstacles_beside(
     if things is not None and np.isfinite(things).all():
         seen = things.reshape(-1, THING_SIZE).copy()
         for row, thing in zip(seen, things_of(things), strict=True):
-            if thing.stands and misnamed(thing.middle):
+            if thing.stands and misnamed(thing.middle + thing.shift):
                 row[:] = 0.0
         things = seen.ravel()
     return rows.ravel(), further, things
