@@ -11,7 +11,7 @@ import pytest
 from tests.gap.made import ARM, everywhere
 from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.residuals.prepared_logs import Records
-from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot import dry_shapes, estimates
 from twin_diagram.gap.whole_robot.dry_shapes import bent, shaped, with_shapes
 from twin_diagram.gap.whole_robot.explain import begun, settled
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
@@ -100,3 +100,15 @@ def test_plain_friction_keeps_its_shape_and_back_is_as_before() -> None:
     there = with_shapes(sums, [DryShape(way=WAY)] * 6)
     assert np.max(np.abs(there.whole - sums.whole)) > 0.0
     np.testing.assert_allclose(with_shapes(there, [DryShape()] * 6).whole, sums.whole)
+
+
+def test_a_change_with_speed_that_noise_all_but_hides_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As little evidence comes of whatever else a log of some seconds holds, and bends friction's curve."""
+    law = everywhere("stribeck_friction", coulomb=LEVEL, static=0.3 * LEVEL, stribeck_velocity=SPEED)
+    records = noisy(ARM, ARM.with_effects([law]), 10.0)
+    (made,) = records.records
+    torque = made.torque + 0.7 * np.random.default_rng(1).normal(size=made.torque.shape)
+    records = replace(records, records=(replace(made, torque=torque),))
+    assert not any(shape.speed for shape in fitted(records)[0].sums.shapes)
+    monkeypatch.setattr(dry_shapes, "TUNING", replace(dry_shapes.TUNING, speedy=4.0))
+    assert any(shape.speed for shape in fitted(records)[0].sums.shapes)

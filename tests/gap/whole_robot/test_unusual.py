@@ -10,7 +10,10 @@ import pytest
 
 from tests.gap.made import ARM, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.candidates.payload import payload
+from twin_diagram.gap.search.proposals import active
+from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
 from twin_diagram.gap.whole_robot.explain import begun, concluded, settled, settled_beside
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut
@@ -18,7 +21,7 @@ from twin_diagram.gap.whole_robot.loads import evidence, loaded
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.pushes import pushes
 from twin_diagram.gap.whole_robot.torque_equations import equations
-from twin_diagram.gap.whole_robot.unusual import offered, room_for, terms_of, unusual, with_candidate
+from twin_diagram.gap.whole_robot.unusual import offered, room_for, terms_of, unusual, weighed, with_candidate
 from twin_diagram.model.effects import Effect
 
 MASS, COM = 3.0, [0.02, 0.05, 0.06]
@@ -145,3 +148,33 @@ def test_what_friction_does_at_a_crawl_is_no_push(monkeypatch: pytest.MonkeyPatc
     assert not pushes(whole, start, terms)
     monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.beside_rough_friction", lambda *_: np.inf)
     assert pushes(whole, start, terms)
+
+
+def test_what_links_that_are_off_or_drifting_friction_do_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While links stay as described, a load that they carry passes for a push over half of the log."""
+    more = effect("payload", links=["tool0"], mass=2.0, com=[0.0, 0.0, 0.05])
+    start = problem(more)
+    z, terms = solve(start), terms_of(start.sums, ARM)
+    left_out, last = LeftOut.of(start, z), ARM.bodies.body_of(ARM.last_link)[0]
+    (force,) = [c for c in external_forces(terms) if c.links == ("wrist_3_link",) and c.size == 3]
+    span = (0, 2.0), (0, 7.0)
+    push = force.during(active(terms, *span), *span)
+    assert rise_beside_the_usual(start, z, push) < 5.0
+    assert weighed(start, z, left_out, push, last) is None
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.unusual.rise_beside_the_usual", lambda *_: np.inf)
+    assert weighed(start, z, left_out, push, last) is not None
+
+
+def test_a_push_stands_beside_all_that_is_usual() -> None:
+    true = ARM.with_effects([everywhere("viscous_friction", damping=2.0)])
+    force = effect("external_force", links=["forearm_link"], wrench=[20.0, -10.0, 15.0, 0.0, 0.0, 0.0])
+    records, pushed = noisy(ARM, true, 10.0), noisy(ARM, true.with_effects([*true.effects, force]), 10.0)
+    (record,), (other,) = records.records, pushed.records
+    during = ((record.time > 4.0) & (record.time < 6.0))[:, None]
+    drift = 0.3 * np.linspace(-1.0, 1.0, len(record.time))[:, None] * np.sign(record.v)
+    torque = np.where(during, other.torque, record.torque) + drift
+    records = replace(records, records=(replace(record, torque=torque),))
+    whole, start = settled(begun(records, equations(records)))
+    terms = terms_of(whole.sums, ARM)
+    (push,) = pushes(whole, start, terms)
+    assert rise_beside_the_usual(whole, start, push) > 100.0

@@ -35,6 +35,15 @@ def test_a_gain_is_held_against_one_and_a_payload_against_none() -> None:
     assert len(well_told([payload(0.9)])) == 1 and well_told([payload(1.1)]) == ()
 
 
+def test_a_push_is_held_against_none_along_its_own_direction() -> None:
+    def push(*std: float) -> Finding:
+        wrench = Estimate([2.0, 0.1, -4.0, 0.0, 0.0, 0.0], [*std, 0.0, 0.0, 0.0], "N, N·m")
+        return Finding("external_force", (), ("tool",), {"wrench": wrench}, 1.0)
+
+    assert len(well_told([push(1.0, 1.0, 1.0)])) == 1
+    assert well_told([push(1.8, 1.6, 1.8)]) == () and lost_names([push(1.8, 1.6, 1.8)]) == {("external_force", "")}
+
+
 def test_what_has_no_size_stands() -> None:
     curve = {"a": Estimate([0.0, 1.0, 5.0, 6.0], [0.0, 0.0, 9.0, 9.0], "rad, N·m")}
     finding = Finding("joint_spring", ("a",), (), {"curve": curve}, 0.9)

@@ -1,4 +1,4 @@
-"""What friction may be beyond its laws: rough where a joint turns, crawls or runs fast, which is no event.
+"""What friction may be beyond its laws: rough where a joint turns, crawls or runs fast, or drifting: no event.
 
 No drive's friction is quite a catalogue's. What is left of it comes again whenever a joint turns, or is as fast; where
 that happens but once in a log, a push over the same span would pass for it.
@@ -33,6 +33,10 @@ class Tuning:
     rough: float = 0.3
     """Share of a joint's friction by which such a shape may be off its law, one standard deviation: sigmoids, powers of
     the speed and hysteresis are within that."""
+
+    drift: float = 0.1
+    """Share of it by which friction, and what it has in one direction more than in the other, may change from the
+    middle of a log to its ends: grease warms up."""
 
 
 TUNING = Tuning()
@@ -69,5 +73,8 @@ def _shapes(record: Record, j: int, sign: Array, unit: float) -> Array:
     bending = [law(record, j, sign, DryShape(way=way * unit)) - plain for way in TUNING.ways]
     crawling = [np.exp(-((v / (speed * unit)) ** 2)) * plain for speed in TUNING.speeds]
     growing = [shares**power * side for power in (0.5, 2.0) for side in (plain, np.ones_like(v))]
-    every = low_passed(np.stack([*bending, *crawling, *growing], axis=1), record)
+    load = np.abs(record.passed[:, j])
+    loaded = load / max(float(np.max(load)), 1e-9) * plain
+    drifted = TUNING.drift / TUNING.rough * np.linspace(-1.0, 1.0, len(v))
+    every = low_passed(np.stack([*bending, *crawling, *growing, loaded, drifted * plain, drifted], axis=1), record)
     return np.asarray(every[record.kept])

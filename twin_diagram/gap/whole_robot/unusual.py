@@ -16,6 +16,7 @@ from twin_diagram.gap.candidates.records import RECORDS, record_of
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.residuals.regressors import Terms, slow_speed
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
@@ -184,7 +185,11 @@ def weighed(problem: RobotProblem, z: Array, left_out: LeftOut, candidate: Candi
         float(np.sum(likelihood(judge, rms) - likelihood(judge, left_out.rms))) - due
         for judge in (whitened(problem, after, candidate), quietest(problem, after))
     )
-    return Weighed(candidate, tried, gain, loud) if gain > 0.0 and believable(tried) else None
+    if gain <= 0.0 or not believable(tried):
+        return None
+    if candidate.onset is not None and rise_beside_the_usual(problem, z, candidate) < due:
+        return None
+    return Weighed(candidate, tried, gain, loud)
 
 
 def likeliest(there: Sequence[Weighed]) -> Weighed | None:

@@ -10,7 +10,7 @@ import numpy as np
 from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.findings import Estimate, Finding
 
-SIZES = ("gain", "delay", "offset", "amplitude", "coefficient", "torque")
+SIZES = ("gain", "delay", "offset", "amplitude", "coefficient", "torque", "wrench")
 """Parameters that say how large an effect is whose record names none as leading."""
 
 
@@ -64,6 +64,18 @@ def _of_joint(finding: Finding, joint: str) -> list[Estimate]:
 def _known(sizes: Sequence[Estimate], finding: Finding, most: float) -> bool:
     """Return whether any of the sizes is known to a share `most`; one that has none is."""
     nothing = 1.0 if "gain" in finding.parameters else 0.0
-    return not sizes or any(
-        bool(np.all(np.asarray(size.std) <= most * np.abs(np.asarray(size.value) - nothing))) for size in sizes
-    )
+    return not sizes or any(_share(size, nothing) <= most for size in sizes)
+
+
+def _share(size: Estimate, nothing: float) -> float:
+    """Return the standard error as a share of what is said; of a wrench, of force or moment, along what it says.
+
+    Across its own direction a small error would count the most, as there is nothing that it is a share of.
+    """
+    value, std = (np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (size.value, size.std))
+    shares = []
+    for part in (slice(0, 3), slice(3, None)) if len(value) > 1 else (slice(None),):
+        told = value[part] - nothing
+        along = float(np.linalg.norm(told * std[part]))
+        shares.append(along / float(told @ told) if np.any(told) else np.inf)
+    return min(shares)
