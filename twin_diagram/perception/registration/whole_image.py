@@ -186,8 +186,7 @@ def advance(
                 if not _found_again(asset, pose, among[asset].model.radius, after, measured, first, pool):
                     pool.take_in(asset, pose, segments.time)
     if _came_to_rest(beside.things, remembered):
-        lost = [k for k, one in enumerate(measured[:first]) if one.quality <= 0.0]
-        after = [sought(slot, segments.time) if k in lost else slot for k, slot in enumerate(after)]
+        after = [slot if one.quality > 0 else sought(slot, one.time) for slot, one in zip(after, measured, strict=True)]
     identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
     out = [one.thing.pack() for one in remembered]
     return Outcome(
