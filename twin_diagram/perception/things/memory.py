@@ -108,8 +108,8 @@ class Remembered:
         places = np.zeros((SAMPLES, 3))
         places[: len(self.samples)] = self.samples
         head = [float(self.empty), self.moved, float(self.searches), self.next_search, float(len(self.samples))]
-        places_ = np.concatenate([places.ravel(), self.made_at, self.rested_at])
-        return np.concatenate([self.thing.pack(), head, places_, self.motion.pack()])
+        middles = np.concatenate([self.made_at, self.rested_at])
+        return np.concatenate([self.thing.pack(), head, places.ravel(), middles, self.motion.pack()])
 
     @staticmethod
     def unpack(vector: Array) -> Remembered:
