@@ -38,8 +38,9 @@ from twin_diagram.perception.registration.where_expected import TUNING as TRACKI
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.scenario.resources import models_dir
-from twin_diagram.station.sim.camera import camera_info, lights
+from twin_diagram.station.sim.camera import camera_info
 from twin_diagram.station.sim.camera_defects import spoil_colour, spoil_depth
+from twin_diagram.station.sim.render_settings import lights
 from twin_diagram.station.sim.world_plant import build_appearance, build_world
 
 Array = npt.NDArray[np.float64]
@@ -80,11 +81,12 @@ class Studio:
         assert plan.twin.camera is not None
         camera = plan.twin.camera
         builder = DiagramBuilder()
-        poses, scene_graph = build_appearance(builder, plan)
+        shown = build_appearance(builder, plan)
+        scene_graph = shown.scene_graph
         for k, times in enumerate(LIGHTS):
             dimmed = [_times(light, times) for light in lights()]
             scene_graph.AddRenderer(f"light{k}", MakeRenderEngineVtk(RenderEngineVtkParams(lights=dimmed)))
-        builder.ExportInput(poses.get_input_port(), "positions")
+        builder.ExportInput(shown.poses.get_input_port(), "positions")
         builder.ExportOutput(scene_graph.get_query_output_port(), "query")
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()

@@ -119,4 +119,6 @@ def _run_one(task: Task) -> dict[str, Any]:
     base = load_scenario(name, overrides)
     scenario = vary(base, seed, Path(folder) / "assets")
     save_scenario(scenario, Path(folder) / "scenario.yaml")
-    return run_scenario(scenario, out=Path(folder), pictures=False, quiet=True, say=lambda text: None)
+    return run_scenario(
+        scenario, out=Path(folder), pictures=False, quiet=True, spare_cores=False, say=lambda text: None
+    )

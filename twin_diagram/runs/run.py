@@ -26,6 +26,7 @@ from twin_diagram.runs.camera_score import camera_told
 from twin_diagram.runs.goal_watch import GoalWatch, explained
 from twin_diagram.runs.growth_watch import GrowthWatch
 from twin_diagram.runs.health_watch import HealthWatch
+from twin_diagram.runs.helping_processes import helping_processes
 from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
 from twin_diagram.runs.run_folder import RunFolder
@@ -69,6 +70,7 @@ def run_scenario(
     meldis: bool = False,
     pictures: bool = True,
     quiet: bool = False,
+    spare_cores: bool = True,
     say: Say = print,
 ) -> dict[str, Any]:
     """Run a scenario's station and the twin in closed loop.
@@ -77,12 +79,11 @@ def run_scenario(
         scenario: with any station; only a simulated one can be scored.
         out: folder for ``summary.json``, ``events.jsonl`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and
             plots; with ``twin.healing`` also ``healing/``, a folder for each search; with ``twin.growth`` ``grown/``.
-        record: folder for a recording that `replay_log` runs again.
-        log: the measured log, .csv or .npz.
-        show: opens meshcat and runs no faster than real time.
-        meldis: publishes both scenes for Meldis and runs no faster than real time.
+        record, log: folder for a recording that `replay_log` runs again; the measured log, .csv or .npz.
+        show, meldis: opens meshcat; publishes both scenes for Meldis. Runs no faster than real time.
         pictures: whether `out` gets more than the summary.
         quiet: shows no progress.
+        spare_cores: whether processes of its own may work on other cores; the figures are the same.
         say: takes lines of text.
 
     Returns:
@@ -107,7 +108,7 @@ def run_scenario(
             look.start(simulator, show or meldis, say)
         simulator.Initialize()
         leave.clear()
-        _search_beside(loop, stack)
+        stack.enter_context(helping_processes(loop, spare_cores))
         healer = stack.enter_context(mend.healer(loop.twin))
         with growth:
             stop, trial, summary = _simulate(loop, simulator, quiet, healer.poll, growth, leave, say)
@@ -125,13 +126,6 @@ def _looking(scenario: Scenario, page: bool, show: bool, meldis: bool) -> Lookin
     """Return what is looked through; a page keeps the frames of the run."""
     wanted = show or page or meldis
     return Looking(show or page, meldis, scenario.duration if page else None) if wanted else None
-
-
-def _search_beside(loop: ClosedLoop, stack: ExitStack) -> None:
-    """Start what searches for ways in a process of its own, where there is something to reach; it ends with the run."""
-    task, mpc = loop.scenario.twin.task, loop.twin.mpc
-    if mpc is not None and (task.steps or task.X_WG is not None):
-        stack.enter_context(mpc.searching_beside(waits=loop.scenario.station != "lcm"))
 
 
 def _simulator(loop: ClosedLoop) -> Simulator:

@@ -89,11 +89,11 @@ def _hold() -> Callable[[], None]:
         for name in added:
             os.environ.pop(name, None)
         for pool in ThreadpoolController().select(internal_api=kinds).lib_controllers:
-            pool.set_num_threads(before.get(pool.filepath, _cores()))
+            pool.set_num_threads(before.get(pool.filepath, cores()))
 
     return undo
 
 
-def _cores() -> int:
+def cores() -> int:
     """Return how many this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

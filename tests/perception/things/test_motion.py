@@ -20,7 +20,7 @@ from twin_diagram.perception.things.motion import ShownMotion, shown_again
 from twin_diagram.signals import things
 from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.station.sim.camera_profiles import faults
-from twin_diagram.station.sim.real_camera import DepthSensor
+from twin_diagram.station.sim.depth_sensor import DepthSensor
 
 Array = npt.NDArray[np.float64]
 PERIOD = 1.0 / 15.0

@@ -14,7 +14,8 @@ from twin_diagram.scenario import Camera, Pose, Scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station import make_station
-from twin_diagram.station.sim.camera import Shutter, camera_info, check_camera, clipping, lights
+from twin_diagram.station.sim.camera import Shutter, camera_info, check_camera
+from twin_diagram.station.sim.render_settings import clipping, lights
 
 
 def test_the_principal_point_is_the_images_middle_as_the_renderer_counts_pixels() -> None:

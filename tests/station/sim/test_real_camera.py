@@ -14,6 +14,8 @@ from twin_diagram.perception.pinhole import Pinhole, back_project
 from twin_diagram.scenario import Camera, CameraDefects, DepthCamera, Fixture, Pose, Scenario, WorldObject
 from twin_diagram.station import make_station
 from twin_diagram.station.sim.camera_truth import true_camera
+from twin_diagram.station.sim.real_camera import RealCamera
+from twin_diagram.station.sim.station import SimStation
 
 CLEAN: dict[str, Any] = {
     "depth_noise": 0.0, "colour_noise": 0.0, "edge_dropout": 0.0, "depth_unit": 1e-4,
@@ -137,3 +139,22 @@ def test_depth_is_older_than_its_colours_and_moving_things_are_blurred(egl: None
     assert (np.abs(sharp.astype(int) - blurred) > 8).mean() > 0.004
     still = [seen(False, 0.0, exposure)[0] for exposure in (1e-6, 0.001)]
     assert (np.abs(still[0].astype(int) - still[1]) > 8).mean() < 0.002
+
+
+@pytest.mark.long
+def test_pictures_that_a_process_takes_are_those_that_are_taken_here(egl: None) -> None:
+    scenario = plan(CameraDefects(profile="d435"), Camera(X_WC=X_WC, width=160, height=120, focal=140.0))
+    here = pictures(scenario, 0.25)
+    station = SimStation(scenario)
+    with station.pictures_beside():
+        simulator = Simulator(station)
+        simulator.AdvanceTo(0.25)
+        context = simulator.get_context()
+        camera = next(iter(station._cameras.values()))
+        assert isinstance(camera, RealCamera) and camera._beside is not None
+        for kind, expected in zip(("rgb", "depth"), here, strict=True):
+            image = station.GetOutputPort(f"camera.{kind}_image").Eval(context).data
+            np.testing.assert_array_equal(image if kind == "rgb" else image[..., 0], expected)
+        assert any(answer is not None for answer in camera._beside._known.values()), "the process took it"
+        assert not camera._beside.why
+    assert camera._beside is None

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twin_diagram.planning.paths.guide import Answer, Guide, Question
-from twin_diagram.planning.paths.search_child import SearchChild
 from twin_diagram.planning.paths.searching import Searcher
+from twin_diagram.runtime.worker_process import WorkerProcess
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class SearchProcess(Searcher):
         self._closed = False
         self._changed = threading.Condition()
         self._guide = pickle.dumps(guide)
-        self._child = SearchChild(self._guide, self._answered, self._fail)
+        self._child = WorkerProcess(self._guide, self._answered, self._fail)
 
     def ask(self, question: Question) -> None:
         """See `Searcher`; returns at once."""
@@ -129,7 +129,7 @@ class SearchProcess(Searcher):
             # What was asked of the one before nobody answers any more.
             self._known = {key: answer for key, answer in self._known.items() if answer is not None}
             self._since = {key: self._since[key] for key in self._known}
-            self._child = SearchChild(self._guide, self._answered, self._fail)
+            self._child = WorkerProcess(self._guide, self._answered, self._fail)
             self.why = ""
         return True
 
@@ -152,7 +152,7 @@ class SearchProcess(Searcher):
             self._known[key] = answer
             self._changed.notify_all()
 
-    def _fail(self, child: SearchChild, why: str) -> None:
+    def _fail(self, child: WorkerProcess, why: str) -> None:
         with self._changed:
             if self.why or child is not self._child:
                 return

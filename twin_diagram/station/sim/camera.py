@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import (
-    ClippingRange,
     ColorRenderCamera,
     DepthRange,
     DepthRenderCamera,
-    LightParameter,
     MakeRenderEngineVtk,
     RenderCameraCore,
-    RenderEngineVtkParams,
-    Rgba,
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
@@ -32,26 +27,12 @@ from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station.add_models import transform
 from twin_diagram.station.sim.camera_defects import CameraDefectsSystem, check_defects
 from twin_diagram.station.sim.camera_profiles import faults
-from twin_diagram.station.sim.camera_truth import true_camera, with_camera
+from twin_diagram.station.sim.camera_truth import with_camera
 from twin_diagram.station.sim.exposure_shutter import ExposureShutter
-from twin_diagram.station.sim.merged_shapes import TUNING as MERGED_SHAPES
 from twin_diagram.station.sim.real_camera import RealCamera
+from twin_diagram.station.sim.render_settings import clipping, render_params
 from twin_diagram.station.sim.world_plant import WorldPlant, build_appearance
-from twin_diagram.station.sim.world_renderer import WorldRenderer, drakes_intrinsics
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """Constants of this module, with their units and what set them."""
-
-    background: tuple[float, ...] = (0.72, 0.76, 0.80)
-    """Where nothing stands (r, g, b): an overcast sky."""
-
-    clip: tuple[float, ...] = (0.05, 20.0)
-    """Drawn is at least what lies between these distances [m]: colours are seen farther than depth is measured."""
-
-
-TUNING = Tuning()
+from twin_diagram.station.sim.world_renderer import drakes_intrinsics
 
 _RENDERER = "camera"
 """The name under which SceneGraph knows the render engine."""
@@ -60,12 +41,6 @@ _RENDERER = "camera"
 def camera_info(camera: Camera) -> CameraInfo:
     """Return Drake's intrinsics of a camera as the twin is told of it, but for its distortion."""
     return drakes_intrinsics(colour_lens(camera))
-
-
-def clipping(camera: Camera) -> ClippingRange:
-    """Return what is drawn: from half the nearest depth or 5 cm, whichever is nearer, to twice the farthest or 20 m."""
-    (near, far), (nearest, farthest) = camera.depth_range, TUNING.clip
-    return ClippingRange(min(nearest, near / 2), max(farthest, 2 * far))
 
 
 def check_camera(camera: Camera, field: str = "twin.camera") -> None:
@@ -88,17 +63,6 @@ def check_camera(camera: Camera, field: str = "twin.camera") -> None:
         raise ScenarioError(f"{field}.depth_range", f"{camera.depth_range} is not [nearest, farthest]")
     colour_lens(camera)
     depth_lens(camera)
-
-
-def lights() -> list[LightParameter]:
-    """Daylight from above, softer from two sides: every face that a camera sees is lit and keeps its colour."""
-
-    def sun(direction: list[float], intensity: float) -> LightParameter:
-        return LightParameter(
-            type="directional", frame="world", direction=np.array(direction), color=Rgba(1, 1, 1), intensity=intensity
-        )
-
-    return [sun([-0.3, 0.2, -1.0], 0.75), sun([-1.0, 0.9, -0.5], 0.45), sun([-0.8, -1.0, -0.4], 0.35)]
 
 
 class Shutter(LeafSystem):
@@ -188,35 +152,20 @@ def add_camera(builder: DiagramBuilder, scenario: Scenario, world: WorldPlant) -
     require_egl()
     if faults(scenario.world.camera_defects).plain and camera.depth is None and not any(camera.distortion):
         return _add_ideal_camera(builder, scenario, camera, world.plant)
-    return _add_real_camera(builder, scenario, camera, world)
+    return _add_real_camera(builder, scenario, camera, world.plant)
 
 
-def render_params() -> RenderEngineVtkParams:
-    """Return light and background of every simulated camera."""
-    return RenderEngineVtkParams(
-        default_clear_color=np.array(TUNING.background),
-        lights=lights(),
-        default_diffuse=np.array(MERGED_SHAPES.grey),
-    )
-
-
-def _add_real_camera(builder: DiagramBuilder, scenario: Scenario, camera: Camera, world: WorldPlant) -> RealCamera:
+def _add_real_camera(builder: DiagramBuilder, scenario: Scenario, camera: Camera, plant: MultibodyPlant) -> RealCamera:
     """Add a camera that takes colours and depth at two times, from two places, each through its own lens."""
-    plant = world.plant
-    context = plant.CreateDefaultContext()
     delay = faults(scenario.world.camera_defects).depth_delay / camera.rate
-    start = plant.GetPositionsAndVelocities(context)
+    start = plant.GetPositionsAndVelocities(plant.CreateDefaultContext())
+    real = builder.AddNamedSystem(f"{camera.name}_real", RealCamera(scenario, len(start)))
+    stops = scenario.world.camera_defects.stops
     shutter = builder.AddNamedSystem(
         f"{camera.name}_shutter",
-        ExposureShutter(start, camera.rate, camera.latency, delay, scenario.world.camera_defects.stops),
+        ExposureShutter(start, camera.rate, camera.latency, delay, stops, captured=real.expect),
     )
     builder.Connect(plant.get_state_output_port(), shutter.get_input_port())
-    near, far = camera.depth_range
-    renderer = WorldRenderer(scenario, render_params(), clipping(camera), DepthRange(near, far))
-    labels = [int(world.objects[name]) for name, item in scenario.world.objects.items() if item.reflective]
-    real = builder.AddNamedSystem(
-        f"{camera.name}_real", RealCamera(scenario, true_camera(scenario), plant, renderer, labels)
-    )
     for name in ("colour_state", "depth_state", "capture_time"):
         builder.Connect(shutter.GetOutputPort(name), real.GetInputPort(name))
     return real
@@ -228,7 +177,8 @@ def _add_ideal_camera(
     """Add a camera whose depth is that of its colours, in time and place."""
     X_WC = transform(scenario.world.X_WC or camera.X_WC, "world.X_WC")
     beside = builder.HasSubsystemNamed("appearance")
-    poses, scene_graph = build_appearance(builder, scenario, f"{camera.name}_appearance" if beside else "appearance")
+    shown = build_appearance(builder, scenario, f"{camera.name}_appearance" if beside else "appearance")
+    scene_graph = shown.scene_graph
     scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(render_params()))
     start = plant.GetPositions(plant.CreateDefaultContext())
     stops = scenario.world.camera_defects.stops
@@ -237,7 +187,7 @@ def _add_ideal_camera(
     state = builder.AddNamedSystem(f"{camera.name}_positions", Demultiplexer(sizes))
     builder.Connect(plant.get_state_output_port(), state.get_input_port())
     builder.Connect(state.get_output_port(0), shutter.get_input_port())
-    builder.Connect(shutter.GetOutputPort("positions_shown"), poses.get_input_port())
+    builder.Connect(shutter.GetOutputPort("positions_shown"), shown.poses.get_input_port())
     near, far = camera.depth_range
     core = RenderCameraCore(_RENDERER, camera_info(camera), clipping(camera), RigidTransform())
     sensor = builder.AddNamedSystem(

@@ -12,12 +12,13 @@ from twin_diagram.native import require_egl
 from twin_diagram.scenario import Scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station.depth_units import Colour, Depth
-from twin_diagram.station.sim.camera import check_camera, clipping, render_params
+from twin_diagram.station.sim.camera import check_camera
 from twin_diagram.station.sim.camera_defects import check_defects
 from twin_diagram.station.sim.camera_light import DimLight
 from twin_diagram.station.sim.camera_profiles import faults
 from twin_diagram.station.sim.camera_truth import TrueCamera, true_camera, with_camera
-from twin_diagram.station.sim.real_camera import DepthSensor
+from twin_diagram.station.sim.depth_sensor import DepthSensor
+from twin_diagram.station.sim.render_settings import clipping, render_params
 from twin_diagram.station.sim.world_renderer import LensView, WorldRenderer
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
+
+Captured = Callable[[Array, Array, float], None]
+"""Takes the states (nx) of colours and of depth, and the time of a capture [s]."""
 
 
 class ExposureShutter(LeafSystem):
@@ -28,7 +33,13 @@ class ExposureShutter(LeafSystem):
     """
 
     def __init__(
-        self, start: Array, rate: float, latency: float, delay: float = 0.0, stops: float | None = None
+        self,
+        start: Array,
+        rate: float,
+        latency: float,
+        delay: float = 0.0,
+        stops: float | None = None,
+        captured: Captured | None = None,
     ) -> None:
         """Build a shutter.
 
@@ -38,8 +49,10 @@ class ExposureShutter(LeafSystem):
             latency: less than the time between captures [s].
             delay: at most the time between captures [s].
             stops: nothing is captured from then on [s]; None: it goes on.
+            captured: is told of each capture, long before it is shown: the two states and the time [s].
         """
         super().__init__()
+        self._captured = captured
         self._stops = np.inf if stops is None else stops
         nx = len(start)
         self._delayed = delay > 0.0
@@ -71,6 +84,8 @@ class ExposureShutter(LeafSystem):
         early = context.get_discrete_state(self._early).value() if self._delayed else now
         for index, value in zip(self._taken, (now, early, [context.get_time()]), strict=True):
             discrete.set_value(index, value)
+        if self._captured is not None:
+            self._captured(now, early, context.get_time())
 
     def _deliver(self, context: Context, discrete: DiscreteValues) -> None:
         for taken, shown in zip(self._taken, self._shown, strict=True):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from twin_diagram.model.effects import Motors, connect
@@ -14,6 +17,7 @@ from twin_diagram.station.sim.lidar import add_lidar
 from twin_diagram.station.sim.link_sensors import add_link_sensors
 from twin_diagram.station.sim.link_torque import LinkTorque
 from twin_diagram.station.sim.movers import MoverDriver
+from twin_diagram.station.sim.real_camera import RealCamera
 from twin_diagram.station.sim.truth import TruePoses, TrueState
 from twin_diagram.station.sim.world_plant import WorldPlant, build_world
 
@@ -102,7 +106,7 @@ class SimStation(Diagram):
             builder.ExportInput(driver.GetInputPort("gripper_commanded"), ports.GRIPPER_COMMANDED)
             builder.ExportInput(driver.GetInputPort("gripper_force_limit"), ports.GRIPPER_FORCE_LIMIT)
             builder.ExportOutput(sensors.GetOutputPort("gripper_measured"), ports.GRIPPER_MEASURED)
-        cameras = add_cameras(builder, scenario, world)
+        cameras = self._cameras = add_cameras(builder, scenario, world)
         for name, images in cameras.items():
             builder.ExportOutput(images.GetOutputPort("rgb_image"), ports.rgb_image(name))
             builder.ExportOutput(images.GetOutputPort("depth_image"), ports.depth_image(name))
@@ -117,6 +121,19 @@ class SimStation(Diagram):
         builder.BuildInto(self)
         self.set_name("station")
         ports.check(self, n, g, tuple(cameras), further)
+
+    @contextmanager
+    def pictures_beside(self) -> Iterator[None]:
+        """Have cameras take their pictures in processes of their own for as long as the `with` statement lasts.
+
+        Without it they are taken when somebody looks at them, with the same result to the bit; an ideal camera's always
+        are.
+        """
+        with ExitStack() as stack:
+            for camera in self._cameras.values():
+                if isinstance(camera, RealCamera):
+                    stack.enter_context(camera.taken_beside())
+            yield
 
 
 def _torque(builder: DiagramBuilder, scenario: Scenario, world: WorldPlant, motors: Motors) -> OutputPort:

@@ -60,6 +60,23 @@ class WorldPlant:
     carriages: ModelInstanceIndex | None = None
 
 
+@dataclass(frozen=True)
+class Appearance:
+    """A second SceneGraph that shows the world at any positions of its plant, whatever the plant itself does.
+
+    Attributes:
+        plant: a copy of the world's, finalized; it is in no Diagram.
+        poses: takes positions (nq, as the world's plant orders them).
+        scene_graph: what is shown.
+        objects: body of each object, in the scenario's order, as in `WorldPlant`.
+    """
+
+    plant: MultibodyPlant
+    poses: MultibodyPositionToGeometryPose
+    scene_graph: SceneGraph
+    objects: dict[str, BodyIndex]
+
+
 def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     """Add plant and SceneGraph of a scenario's ``world`` to `builder`.
 
@@ -80,28 +97,23 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     return world
 
 
-def build_appearance(
-    builder: DiagramBuilder, scenario: Scenario, name: str = "appearance"
-) -> tuple[MultibodyPositionToGeometryPose, SceneGraph]:
-    """Add a second SceneGraph that shows the world at any positions of its plant, whatever the plant itself does.
+def build_appearance(builder: DiagramBuilder, scenario: Scenario, name: str = "appearance") -> Appearance:
+    """Add a second SceneGraph that shows the world.
 
     Args:
         builder: of the station.
         scenario: the one whose world was built.
         name: of the SceneGraph, in the builder.
-
-    Returns:
-        A system that takes positions (nq, as the world's plant orders them), and the SceneGraph that shows them.
     """
     scene_graph = builder.AddNamedSystem(name, SceneGraph())
     plant = MultibodyPlant(scenario.world.time_step)
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    _populate(plant, scene_graph, scenario)
+    objects = _populate(plant, scene_graph, scenario).objects
     source = plant.get_source_id()
     merge_shapes(scene_graph, source)
     poses = builder.AddNamedSystem(f"{name}_poses", MultibodyPositionToGeometryPose(plant))
     builder.Connect(poses.get_output_port(), scene_graph.get_source_pose_port(source))
-    return poses, scene_graph
+    return Appearance(plant, poses, scene_graph, objects)
 
 
 def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario) -> WorldPlant:

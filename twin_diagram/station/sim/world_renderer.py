@@ -86,13 +86,24 @@ class WorldRenderer:
         """
         self._clipping, self._depth_range = clipping, depth_range
         builder = DiagramBuilder()
-        poses, scene_graph = build_appearance(builder, scenario)
-        scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
-        builder.ExportInput(poses.get_input_port(), "positions")
-        builder.ExportOutput(scene_graph.get_query_output_port(), "query")
+        shown = build_appearance(builder, scenario)
+        shown.scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
+        builder.ExportInput(shown.poses.get_input_port(), "positions")
+        builder.ExportOutput(shown.scene_graph.get_query_output_port(), "query")
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
-        self._world = scene_graph.world_frame_id()
+        self._world = shown.scene_graph.world_frame_id()
+        self._plant, self._plant_context = shown.plant, shown.plant.CreateDefaultContext()
+        self.objects = shown.objects
+        """Body of each object: its index is its label."""
+        self.position_count = int(self._plant.num_positions())
+        """nq of the world's plant."""
+
+    def rates(self, state: Array) -> Array:
+        """Return how fast positions change (nq) in a state (nq + nv) of the world's plant."""
+        nq = self.position_count
+        self._plant.SetPositions(self._plant_context, state[:nq])
+        return np.asarray(self._plant.MapVelocityToQDot(self._plant_context, state[nq:]))
 
     def colour(self, positions: Array, view: LensView, X_WC: RigidTransform) -> Colour:
         """Return the colours (H, W, 4) that a camera at X_WC sees at positions (nq,)."""

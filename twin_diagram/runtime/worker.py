@@ -1,7 +1,7 @@
-"""The process that searches beside a running loop: `python -m twin_diagram.planning.paths.search_worker`.
+"""The process that works beside a running loop: `python -m twin_diagram.runtime.worker`.
 
-It reads a guide and then questions from its standard input, and writes the answers to its standard output. It lives no
-longer than the one that started it: when its standard input ends, so does it, whatever it is at.
+It reads what answers and then questions from its standard input, and writes the answers to its standard output. It
+lives no longer than the one that started it: when its standard input ends, so does it, whatever it is at.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ TUNING = Tuning()
 
 def send(stream: BinaryIO, message: bytes) -> None:
     """Write one message."""
-    stream.write(LENGTH.pack(len(message)) + message)
+    stream.write(LENGTH.pack(len(message)))
+    stream.write(message)
     stream.flush()
 
 
@@ -57,9 +58,9 @@ def main() -> None:
     os.dup2(2, 1)  # what anything prints is no answer
     incoming: queue.Queue[bytes] = queue.Queue()
     threading.Thread(target=_read, args=(incoming,), daemon=True).start()
-    guide = pickle.loads(incoming.get())
+    answering = pickle.loads(incoming.get())
     while True:
-        send(answers, pickle.dumps(guide.answer(pickle.loads(incoming.get()))))
+        send(answers, pickle.dumps(answering.answer(pickle.loads(incoming.get())), protocol=pickle.HIGHEST_PROTOCOL))
 
 
 def _read(incoming: queue.Queue[bytes]) -> None:

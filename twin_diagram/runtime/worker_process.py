@@ -1,4 +1,4 @@
-"""One process that searches, and the thread that carries questions over to it and answers back."""
+"""One process that works beside this one, and the thread that carries questions over to it and answers back."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Final
+from typing import Any, Final
 
-from twin_diagram.planning.paths.guide import Answer
-from twin_diagram.planning.paths.search_worker import receive, send
 from twin_diagram.runtime.threads import one_thread_variables
+from twin_diagram.runtime.worker import receive, send
 
 
 @dataclass(frozen=True)
@@ -30,11 +29,14 @@ class Tuning:
 
 TUNING = Tuning()
 
-WORKER: Final = (sys.executable, "-m", "twin_diagram.planning.paths.search_worker")
-"""The command that searches in a process of its own."""
+WORKER: Final = (sys.executable, "-m", "twin_diagram.runtime.worker")
+"""The command that works in a process of its own."""
+
+IMAGE_THREADS: Final = {"OPENCV_FOR_THREADS_NUM": "1"}
+"""As everywhere in a run, a second thread for small images costs more than it gives."""
 
 
-class SearchChild:
+class WorkerProcess:
     """A process that answers questions until it ends, by itself or by `end`; it is never started again.
 
     Attributes:
@@ -42,18 +44,18 @@ class SearchChild:
     """
 
     def __init__(
-        self, guide: bytes, answered: Callable[[bytes, Answer], None], failed: Callable[[SearchChild, str], None]
+        self, answering: bytes, answered: Callable[[bytes, Any], None], failed: Callable[[WorkerProcess, str], None]
     ) -> None:
         """Start the process.
 
         Args:
-            guide: what searches, pickled; a copy of it works there.
+            answering: what has a method `answer`, pickled; a copy of it works there.
             answered: takes a question, pickled, and its answer; called in a thread of its own.
             failed: takes what went wrong where the process ended without being asked to; called likewise.
         """
         self._answered, self._failed = answered, failed
         self._told = TemporaryFile()
-        here = str(Path(__file__).resolve().parents[3])
+        here = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
         # Not multiprocessing, which would run the user's own script once more.
         self.process = subprocess.Popen(
@@ -61,12 +63,12 @@ class SearchChild:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._told,
-            env={**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ)},
-            start_new_session=True,  # a terminal's signal is for the run, which ends the search
+            env={**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ), **IMAGE_THREADS},
+            start_new_session=True,  # a terminal's signal is for the run, which ends the worker
         )
         self._asked: queue.Queue[bytes | None] = queue.Queue()
         self._ended = False
-        threading.Thread(target=self._serve, args=(guide,), daemon=True).start()
+        threading.Thread(target=self._serve, args=(answering,), daemon=True).start()
 
     def ask(self, key: bytes) -> None:
         """Hand a question over, pickled; returns at once."""
@@ -87,12 +89,12 @@ class SearchChild:
             self.process.kill()
             self.process.wait()
 
-    def _serve(self, guide: bytes) -> None:
+    def _serve(self, answering: bytes) -> None:
         """Carry questions over and answers back, one at a time; in a thread of its own."""
         to, back = self.process.stdin, self.process.stdout
         assert to is not None and back is not None
         try:
-            send(to, guide)  # type: ignore[arg-type]
+            send(to, answering)  # type: ignore[arg-type]
             while (key := self._asked.get()) is not None:
                 send(to, key)  # type: ignore[arg-type]
                 self._answered(key, pickle.loads(receive(back)))  # type: ignore[arg-type]

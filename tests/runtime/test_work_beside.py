@@ -1,0 +1,81 @@
+"""Work in a process of its own: the same answers to the bit, and whatever happens to it is told in one line."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from twin_diagram.runtime.work_beside import TUNING, WorkBeside
+from twin_diagram.signals.arrays import Array
+
+
+class Squares:
+    """Squares numbers; hangs over 13, falls over 14."""
+
+    def answer(self, question: tuple[int, bytes]) -> Array:
+        number, values = question
+        if number == 13:
+            time.sleep(600.0)
+        if number == 14:
+            raise ArithmeticError("no such square")
+        return np.frombuffer(values) ** 2 + number
+
+
+def asked(number: int) -> tuple[int, bytes]:
+    return number, np.random.default_rng(number).random(200_000).tobytes()
+
+
+@pytest.fixture
+def beside() -> Iterator[WorkBeside[tuple[int, bytes], Array]]:
+    with WorkBeside[tuple[int, bytes], Array](Squares(), "squares") as made:
+        yield made
+
+
+def test_answers_are_those_that_are_found_here(beside: WorkBeside[tuple[int, bytes], Array]) -> None:
+    for number in (1, 2, 3):
+        beside.ask(asked(number))
+    for number in (3, 1, 2, 2):  # in any order, and again
+        answer = beside.answer(asked(number))
+        assert answer is not None
+        np.testing.assert_array_equal(answer, Squares().answer(asked(number)))
+    assert beside.answer(asked(4)) is None, "nobody asked for it"
+
+
+def test_old_answers_make_room(beside: WorkBeside[tuple[int, bytes], Array]) -> None:
+    for number in range(20, 21 + TUNING.kept):
+        beside.ask((number, b""))
+        assert beside.answer((number, b"")) is not None
+    assert beside.answer((20, b"")) is None and beside.answer((21, b"")) is not None
+
+
+def test_one_that_falls_over_is_told_of_in_one_line(
+    beside: WorkBeside[tuple[int, bytes], Array], caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING, "twin_diagram"):
+        beside.ask(asked(14))
+        assert beside.answer(asked(14)) is None
+        beside.ask(asked(1))
+        assert beside.answer(asked(1)) is None, "nor are there any from then on"
+    assert len(caplog.messages) == 1 and "\n" not in caplog.messages[0]
+    assert "no such square" in caplog.messages[0] and "goes on here" in caplog.messages[0]
+
+
+def test_one_that_hangs_is_ended(caplog: pytest.LogCaptureFixture) -> None:
+    with WorkBeside[tuple[int, bytes], Array](Squares(), "squares", patience=0.5) as beside:
+        beside.ask(asked(13))
+        with caplog.at_level(logging.WARNING, "twin_diagram"):
+            assert beside.answer(asked(13)) is None
+        assert beside._worker.process.wait(10.0) is not None
+    assert len(caplog.messages) == 1 and "within 0.5 s" in caplog.messages[0]
+
+
+def test_it_ends_with_its_user(caplog: pytest.LogCaptureFixture) -> None:
+    with WorkBeside[tuple[int, bytes], Array](Squares(), "squares") as beside:
+        beside.ask(asked(13))
+        begin = time.monotonic()
+    assert beside._worker.process.poll() is not None and time.monotonic() - begin < 2.0
+    assert not caplog.messages  # that is no failure

@@ -1,0 +1,42 @@
+"""Which parts of a run work in processes of their own, beside the simulator; its results are the same without them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+from twin_diagram.runtime.threads import cores
+from twin_diagram.station.sim.station import SimStation
+from twin_diagram.twin.closed_loop import ClosedLoop
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    worthwhile: float = 5.0
+    """Of shorter runs pictures are taken here [s]: a process takes 3 s of a core to begin, and saves 1 s a second."""
+
+
+TUNING = Tuning()
+
+
+@contextmanager
+def helping_processes(loop: ClosedLoop, spare: bool = True) -> Iterator[None]:
+    """Start what is worth a process of its own: it ends with the `with` statement.
+
+    Ways are searched for where there is something to reach. Pictures are taken where the run is long and there is a
+    core to spare.
+
+    Args:
+        loop: what is to run.
+        spare: whether other cores may be used: not where as many runs go on as there are cores.
+    """
+    plan, mpc, station = loop.scenario, loop.twin.mpc, loop.station
+    with ExitStack() as stack:
+        if mpc is not None and (plan.twin.task.steps or plan.twin.task.X_WG is not None):
+            stack.enter_context(mpc.searching_beside(waits=plan.station != "lcm"))
+        if spare and isinstance(station, SimStation) and plan.duration >= TUNING.worthwhile and cores() > 1:
+            stack.enter_context(station.pictures_beside())
+        yield

@@ -1,0 +1,123 @@
+"""Work that is done in a process of its own before its result is due, the same to the bit as if it were done here.
+
+A result counts at a declared time in the loop's own clock. Until then it may be worked out anywhere: whoever will want
+it says so early and takes it when it is due, so how loaded the machine is shows in no figure.
+"""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import threading
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+from twin_diagram.runtime.worker_process import WorkerProcess
+
+Question = TypeVar("Question")
+Answer = TypeVar("Answer")
+Asked = TypeVar("Asked", contravariant=True)
+Told = TypeVar("Told", covariant=True)
+
+
+class Answering(Protocol[Asked, Told]):
+    """What answers questions: the answer is a function of the question alone. It and the questions can be pickled."""
+
+    def answer(self, question: Asked, /) -> Told:
+        """Return the answer."""
+        ...
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    patience: float = 20.0
+    """What takes longer hangs [s of the wall clock]: on a busy machine a process takes seconds to begin."""
+
+    kept: int = 8
+    """Answers that are kept at hand: another Context may ask the same."""
+
+
+TUNING = Tuning()
+
+
+class WorkBeside(Generic[Question, Answer]):
+    """Answers questions in a process of its own.
+
+    Use as a context manager, or `close` it: both end the process, whatever it does. Where this process is killed, that
+    one ends by itself. When it fails one line tells why, and there are no answers any more: who asks works them out.
+
+    Attributes:
+        why: in one line what is wrong; empty while all is well.
+    """
+
+    def __init__(self, answering: Answering[Question, Answer], does: str, patience: float = TUNING.patience) -> None:
+        """Start the process.
+
+        Args:
+            answering: a copy of it works there.
+            does: what it does, for the line that tells of its failure: `takes pictures`.
+            patience: see `Tuning` [s].
+        """
+        self.why = ""
+        self._does, self._patience = does, patience
+        self._known: dict[bytes, Answer | None] = {}
+        self._changed = threading.Condition()
+        self._worker = WorkerProcess(pickle.dumps(answering), self._answered, self._fail)
+
+    def ask(self, question: Question) -> None:
+        """Tell that an answer will be wanted; returns at once."""
+        key = _key(question)
+        with self._changed:
+            if key in self._known or self.why:
+                return
+            while len(self._known) >= TUNING.kept:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = None
+        self._worker.ask(key)
+
+    def answer(self, question: Question) -> Answer | None:
+        """Return the answer, waiting for it; None where nobody asked for it, or what answers has failed."""
+        key = _key(question)
+        with self._changed:
+            if key not in self._known:
+                return None
+            if self._changed.wait_for(lambda: self.why or self._known.get(key) is not None, self._patience):
+                return self._known.get(key)
+        self._fail(self._worker, f"gave no answer within {self._patience:g} s")
+        return None
+
+    def close(self) -> None:
+        """End the process."""
+        with self._changed:
+            self.why = self.why or "closed"
+            self._changed.notify_all()
+        self._worker.end()
+
+    def __enter__(self) -> WorkBeside[Question, Answer]:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _answered(self, key: bytes, answer: Any) -> None:
+        with self._changed:
+            if key in self._known:
+                self._known[key] = answer
+            self._changed.notify_all()
+
+    def _fail(self, worker: WorkerProcess, why: str) -> None:
+        with self._changed:
+            if self.why:
+                return
+            self.why = why
+            logging.getLogger("twin_diagram").warning(
+                "the process that %s %s: it goes on here, slower", self._does, why
+            )
+            self._changed.notify_all()
+        worker.process.kill()
+
+
+def _key(question: object) -> bytes:
+    return pickle.dumps(question, protocol=pickle.HIGHEST_PROTOCOL)
