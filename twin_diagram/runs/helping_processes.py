@@ -16,7 +16,7 @@ class Tuning:
     """Constants of this module, with their units and what set them."""
 
     worthwhile: float = 5.0
-    """Of shorter runs pictures are taken here [s]: a process takes 3 s of a core to begin, and saves 1 s a second."""
+    """In shorter runs only ways are searched for [s]: a process takes 3 s of a core to begin and saves 1 s in each."""
 
 
 TUNING = Tuning()
@@ -26,8 +26,8 @@ TUNING = Tuning()
 def helping_processes(loop: ClosedLoop, spare: bool = True) -> Iterator[None]:
     """Start what is worth a process of its own: it ends with the `with` statement.
 
-    Ways are searched for where there is something to reach. Pictures are taken where the run is long and there is a
-    core to spare.
+    Ways are searched for where there is something to reach. Pictures are taken, and looked at where that has a latency,
+    where the run is long and there is a core to spare.
 
     Args:
         loop: what is to run.
@@ -37,6 +37,8 @@ def helping_processes(loop: ClosedLoop, spare: bool = True) -> Iterator[None]:
     with ExitStack() as stack:
         if mpc is not None and (plan.twin.task.steps or plan.twin.task.X_WG is not None):
             stack.enter_context(mpc.searching_beside(waits=plan.station != "lcm"))
-        if spare and isinstance(station, SimStation) and plan.duration >= TUNING.worthwhile and cores() > 1:
-            stack.enter_context(station.pictures_beside())
+        if spare and plan.duration >= TUNING.worthwhile and cores() > 1:
+            if isinstance(station, SimStation):
+                stack.enter_context(station.pictures_beside())
+            stack.enter_context(loop.twin.looking_beside())
         yield

@@ -59,7 +59,19 @@ class Tuning:
 TUNING = Tuning()
 
 
+@contextmanager
+def _one_image_thread() -> Iterator[None]:
+    """Hold OpenCV: images are small, a second thread costs more than it gives, and p90 suffers."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
 @one_thread()
+@_one_image_thread()
 def run_scenario(
     scenario: Scenario,
     *,
@@ -79,8 +91,10 @@ def run_scenario(
         scenario: with any station; only a simulated one can be scored.
         out: folder for ``summary.json``, ``events.jsonl`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and
             plots; with ``twin.healing`` also ``healing/``, a folder for each search; with ``twin.growth`` ``grown/``.
-        record, log: folder for a recording that `replay_log` runs again; the measured log, .csv or .npz.
-        show, meldis: opens meshcat; publishes both scenes for Meldis. Runs no faster than real time.
+        record: folder for a recording that `replay_log` runs again.
+        log: the measured log, .csv or .npz.
+        show: opens meshcat and runs no faster than real time.
+        meldis: publishes both scenes for Meldis and runs no faster than real time.
         pictures: whether `out` gets more than the summary.
         quiet: shows no progress.
         spare_cores: whether processes of its own may work on other cores; the figures are the same.
@@ -99,9 +113,7 @@ def run_scenario(
     look = _looking(scenario, out is not None and pictures, show, meldis)
     with ExitStack() as stack:
         stack.push(partial(_note_stop, leave))
-        stack.enter_context(_one_image_thread())
-        keep = Keeping(scenario, record, log, stack)
-        mend = Mending(scenario, leave, say)
+        keep, mend = Keeping(scenario, record, log, stack), Mending(scenario, leave, say)
         loop = make_closed_loop(scenario, _hanging(keep, mend, look))
         simulator, growth = _simulator(loop), GrowthWatch(scenario, loop.twin, leave, say)
         if look is not None:
@@ -150,17 +162,6 @@ def _hanging(*hung: Keeping | Mending | Looking | None) -> Callable[[DiagramBuil
 def _note_stop(leave: RunFolder, kind: type[BaseException] | None, *error: object) -> None:
     if kind is not None and issubclass(kind, KeyboardInterrupt):
         leave.stopped_early()
-
-
-@contextmanager
-def _one_image_thread() -> Iterator[None]:
-    """Hold OpenCV: images are small, a second thread costs more than it gives, and p90 suffers."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 def _simulate(

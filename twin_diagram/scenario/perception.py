@@ -25,6 +25,9 @@ class Perception:
     """Points farther apart than this are two objects [m]."""
     smallest: int = 60
     """Points that make an object."""
+    latency: float = 0.0
+    """From an image's delivery until what it shows counts [s], less than from image to image by 2 ms: so long a process
+    of its own may look at it, beside the simulator. For one camera."""
 
 
 @document

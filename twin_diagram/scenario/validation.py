@@ -75,7 +75,7 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     Healing: ("attempts", "nice"),
     Learning: ("weigh_seconds",),
     LinkSensor: ("latency",),
-    Perception: ("table_clearance", "robot_clearance"),
+    Perception: ("table_clearance", "robot_clearance", "latency"),
     Planner: ("clearance", "route_after", "seed"),
     Registration: ("search_period",),
     SceneUpdater: (
@@ -95,6 +95,9 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     TaskStep: ("seconds",),
 }
 """Fields that may be zero, but not below."""
+BEFORE_NEXT = 0.002
+"""What an image shows is to count so long before the next is delivered [s]: twice the millisecond after which images
+are looked at."""
 SHARE: dict[type, tuple[str, ...]] = {
     Braking: ("torque_share",),
     Healing: ("held_out",),
@@ -128,6 +131,8 @@ def check_twin(twin: Twin) -> None:
     if twin.camera is not None:
         check_optics(twin.camera, "twin.camera")
     _cameras(twin)
+    if twin.perception.latency > 0.0:
+        _lateness(twin)
     if twin.learning is not None:
         _learning(twin.learning, twin.cameras, "twin.learning")
     if twin.lidar is not None:
@@ -135,6 +140,18 @@ def check_twin(twin: Twin) -> None:
         if not twin.lidar.latency < 1.0 / twin.lidar.rate:
             why = f"{twin.lidar.latency} s is not less than the time between scans, {1.0 / twin.lidar.rate:.4g} s"
             raise ScenarioError("twin.lidar.latency", why)
+
+
+def _lateness(twin: Twin) -> None:
+    """Check that what an image shows counts before the next one is delivered."""
+    late, cameras = twin.perception.latency, list(twin.perceiving.values())
+    if len(cameras) > 1:
+        raise ScenarioError(
+            "twin.perception.latency", f"{late} s go with one camera, not with {', '.join(twin.perceiving)}"
+        )
+    if cameras and not late <= 1.0 / cameras[0].rate - BEFORE_NEXT:
+        most = f"{1.0 / cameras[0].rate - BEFORE_NEXT:.4g} s"
+        raise ScenarioError("twin.perception.latency", f"{late} s is more than {most}: the next image would be there")
 
 
 def _cameras(twin: Twin) -> None:

@@ -7,6 +7,7 @@ know its shape by a number that follows the library's, and which Contexts look f
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Final, cast
 
@@ -72,6 +73,10 @@ class AddedAssets:
             raise TwinError(f"{whose}the twin has no perception of its own that could find it")
         self._sight.check_slots()
         return self._sight
+
+    def looking_beside(self) -> AbstractContextManager[None]:
+        """Have a process of its own look at images; see `IcpPoseEstimator`. Several cameras' are looked at here."""
+        return self._sight.looking_beside() if isinstance(self._sight, IcpPoseEstimator) else nullcontext()
 
     def looked_at(self, diagram: Diagram, context: Context) -> float:
         """Return when the newest image that was looked at was taken [s], in a Context of the twin."""

@@ -6,6 +6,7 @@ names. It is built from the scenario's ``twin:`` alone, so it cannot know what a
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,10 @@ class TwinDiagram:
             TwinError: no slot is free, or X_WO is not finite.
         """
         self.added.use(self.diagram, context, number, X_WO)
+
+    def looking_beside(self) -> AbstractContextManager[None]:
+        """Have a process of its own look at images where that has a latency; see `IcpPoseEstimator`."""
+        return self.added.looking_beside()
 
     def names(self, context: Context) -> Names:
         """Return what objects and things are called."""

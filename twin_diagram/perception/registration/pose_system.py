@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -16,16 +17,18 @@ from twin_diagram.errors import TwinError
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.image_look import ImageAnswer, ImageLook, ImageQuestion
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.rotation import from_quaternion
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot, measurement
 from twin_diagram.perception.registration.tracking import step
 from twin_diagram.perception.registration.view import Known
-from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, advance, introduced, sizes
+from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, introduced, sizes
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.perception.things.memory import Life
 from twin_diagram.runtime.timing import timed
+from twin_diagram.runtime.work_beside import WorkBeside
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, PoseMeasurement
 from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, OWNER_SIZE
@@ -89,8 +92,8 @@ class IcpPoseEstimator(LeafSystem):
         things: (T · THING_SIZE) a packed `Thing` for each slot of an unknown thing.
         turned_away: (2) further instances and unknown things in the newest image for which no slot was free.
 
-    Updated at k / rate + latency + 1 ms, k = 0, 1, …: the poses are those of the image delivered just before, so they
-    are `latency` + 1 ms old when they come out. All memory is discrete vector state.
+    Updated at k / rate + latency + 1 ms + ``perception.latency``, k = 0, 1, …: the poses are those of the image
+    delivered just before, so they are as much older than it when they come out. All memory is discrete vector state.
     """
 
     def __init__(
@@ -130,7 +133,7 @@ class IcpPoseEstimator(LeafSystem):
         self._out = self.DeclareDiscreteState(empty)
         self._last = self.DeclareDiscreteState(np.array([NEVER]))
         self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=1.0 / camera.rate, offset_sec=camera.latency + TUNING.after_delivery, update=self._update
+            1.0 / camera.rate, camera.latency + TUNING.after_delivery + tuning.latency, self._update
         )
         self.DeclareVectorOutputPort(
             "object_poses",
@@ -139,11 +142,16 @@ class IcpPoseEstimator(LeafSystem):
             prerequisites_of_calc={self.discrete_state_ticket(self._out)},
         )
         self._told: ImageSettings | None = None
+        self._late = tuning.latency > 0.0
+        self._looking: WorkBeside[ImageQuestion, ImageAnswer] | None = None
         if slots is not None:
             lives = scene or scenario.SceneUpdater()
             life = Life(lives.stale_after, lives.lost_after)
             self._told = ImageSettings(self._library, params, tuning.smallest, slots, life, camera.colour_std)
+            self._look = ImageLook(self._told)
             self._declare_beside(self._told)
+            if self._late:
+                self.DeclarePeriodicPublishEvent(1.0 / camera.rate, camera.latency + TUNING.after_delivery, self._ask)
 
     def check_slots(self) -> None:
         """Refuse, with a TwinError, assets that come later where there are no slots for them at all."""
@@ -220,27 +228,61 @@ class IcpPoseEstimator(LeafSystem):
             size, ticket = part.stop - part.start, self.discrete_state_ticket(self._beside_out)
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
 
-    @timed("IcpPoseEstimator")
-    def _update(self, context: Context, discrete: DiscreteValues) -> None:
+    @contextmanager
+    def looking_beside(self) -> Iterator[None]:
+        """Have images be taken in by a process of its own, where there is a latency, for as long as `with` lasts.
+
+        Without it, and once an asset was added, that is done when it is due, with the same result to the bit.
+        """
+        if self._told is None or not self._late:
+            yield
+            return
+        with WorkBeside[ImageQuestion, ImageAnswer](self._look, "looks for objects") as beside:
+            self._looking = beside
+            try:
+                yield
+            finally:
+                self._looking = None
+
+    def _new(self, context: Context) -> Segments | None:
+        """Return the newest image taken apart; None where it was taken in before: it says nothing new."""
         segments = cast(Segments, self._input.Eval(context))
         last = float(context.get_discrete_state(self._last).value()[0])
-        # The same image again says nothing new.
-        if segments.time < 0.0 or segments.time <= last:
+        return None if segments.time < 0.0 or segments.time <= last else segments
+
+    def _question(self, context: Context, segments: Segments) -> ImageQuestion:
+        memory, beside = (np.array(context.get_discrete_state(i).value()) for i in (self._memory, self._beside))
+        return ImageQuestion(memory, beside, segments)
+
+    @timed("IcpPoseEstimator")
+    def _ask(self, context: Context) -> None:
+        """Have an image be taken in before that is due; changes no result."""
+        if self._looking is None or self._added:
             return
-        vector = context.get_discrete_state(self._memory).value()
-        slots = [Slot.unpack(part) for part in vector.reshape(-1, SLOT_SIZE)]
+        segments = self._new(context)
+        if segments is not None:
+            self._looking.ask(self._question(context, segments))
+
+    @timed("IcpPoseEstimator")
+    def _update(self, context: Context, discrete: DiscreteValues) -> None:
+        segments = self._new(context)
+        if segments is None:
+            return
         if self._told is None:
+            vector = context.get_discrete_state(self._memory).value()
+            slots = [Slot.unpack(part) for part in vector.reshape(-1, SLOT_SIZE)]
             after, found, _ = step(self._library, slots, segments, self._params, self._smallest)
+            if after:
+                discrete.get_mutable_vector(self._memory).SetFromVector(np.concatenate([slot.pack() for slot in after]))
+                discrete.get_mutable_vector(self._out).SetFromVector(np.concatenate([one.pack() for one in found]))
         else:
-            beside = OtherMemory.unpack(context.get_discrete_state(self._beside).value(), self._told)
-            outcome = advance(slots, beside, segments, replace(self._told, added=tuple(self._added)))
-            after, found = outcome.slots, outcome.poses
-            discrete.get_mutable_vector(self._beside).SetFromVector(outcome.beside.pack())
-            told = np.concatenate([outcome.further, outcome.things, np.array(outcome.beside.turned_away, dtype=float)])
-            discrete.get_mutable_vector(self._beside_out).SetFromVector(told)
-        if after:
-            discrete.get_mutable_vector(self._memory).SetFromVector(np.concatenate([slot.pack() for slot in after]))
-            discrete.get_mutable_vector(self._out).SetFromVector(np.concatenate([one.pack() for one in found]))
+            question = self._question(context, segments)
+            there = None if self._looking is None else self._looking.answer(question)
+            answer = self._look.answer(question, tuple(self._added)) if there is None else there
+            discrete.get_mutable_vector(self._memory).SetFromVector(answer.memory)
+            discrete.get_mutable_vector(self._out).SetFromVector(answer.poses)
+            discrete.get_mutable_vector(self._beside).SetFromVector(answer.beside)
+            discrete.get_mutable_vector(self._beside_out).SetFromVector(answer.told)
         discrete.get_mutable_vector(self._last).SetFromVector([segments.time])
 
     def _calc_poses(self, context: Context, output: BasicVector) -> None:

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 
 from twin_diagram import scenario
@@ -23,6 +23,7 @@ from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import CALIBRATION_SIZE, SIZE
+from twin_diagram.signals.layouts import NEVER
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,10 @@ class Tuning:
 
     late: float = 0.5
     """Depth may be older than its image's time by so much of a frame's period: two sensors expose in turn."""
+
+    after_delivery: float = 0.00075
+    """x̂ and calibration are kept this long after an image's delivery [s]: the calibration is then of that image, and
+    whoever looks at the segments does so later."""
 
     still: float = 0.002
     """A joint that turned by less since then did not move [rad]: 2 mm of an arm 1 m long, a fifth of its clearance."""
@@ -63,9 +68,10 @@ class PerceptionSystem(LeafSystem):
             Not connected: the camera is as told.
         segments: (`Segments`) in W.
 
-    Computed when asked for, and cached: no state, no rate, no latency of its own. The image is older than x̂, so the
-    robot is posed at q - v·(t - image_time); where it moves also where it was half a frame before, for depth may be
-    late.
+    Computed when asked for, and cached: no rate, no latency of its own. The image is older than x̂, so the robot is
+    posed at q - v·(t - image_time); where it moves also where it was half a frame before, for depth may be late.
+    Where ``params.latency`` gives time to whoever looks at the segments, x̂ and calibration are those of 0.75 ms after
+    the image's delivery, kept as discrete state, and an image's segments stay the same until the next.
     """
 
     def __init__(
@@ -100,20 +106,28 @@ class PerceptionSystem(LeafSystem):
         self._arm = self.DeclareVectorInputPort("arm_state", 2 * self._arm_joints)
         self._calibration = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
         empty = Segments.empty(self._grid.camera, params.stride, params.table_height)
-        self.DeclareAbstractOutputPort(
-            "segments",
-            lambda: AbstractValue.Make(empty),
-            self._calc_segments,
-            prerequisites_of_calc={
-                self._rgb.ticket(),
-                self._depth.ticket(),
-                self._time.ticket(),
-                self._arm.ticket(),
-                self._calibration.ticket(),
-                self.time_ticket(),
-            },
-        )
+        tickets = {self._rgb.ticket(), self._depth.ticket(), self._time.ticket()}
+        self._kept: int | None = None
+        if params.latency > 0.0:
+            index = self.DeclareDiscreteState(np.r_[NEVER, np.zeros(2 * self._arm_joints + SIZE)])
+            self._kept = int(index)
+            when = camera.latency + TUNING.after_delivery
+            self.DeclarePeriodicDiscreteUpdateEvent(1.0 / camera.rate, when, self._keep)
+            tickets |= {self.discrete_state_ticket(index)}
+        else:
+            tickets |= {self._arm.ticket(), self._calibration.ticket(), self.time_ticket()}
+        self.DeclareAbstractOutputPort("segments", lambda: AbstractValue.Make(empty), self._calc_segments, tickets)
         self._empty = empty
+
+    def _now(self, context: Context) -> Array:
+        """Return time, x̂ and errors of the calibration now: (1 + 2n + SIZE)."""
+        errors = np.zeros(SIZE)
+        if self._calibration.HasValue(context):
+            errors = np.array(self._calibration.Eval(context))[:SIZE]
+        return np.concatenate([[context.get_time()], np.array(self._arm.Eval(context)), errors])
+
+    def _keep(self, context: Context, discrete: DiscreteValues) -> None:
+        discrete.set_value(self._kept, self._now(context))
 
     def _corrected_grid(self, errors: bytes) -> tuple[Grid, float]:
         """Return the grid, and the factor on depth, of the camera with errors (10,), packed, taken out."""
@@ -128,15 +142,14 @@ class PerceptionSystem(LeafSystem):
             return
         rgb = cast(ImageRgba8U, self._rgb.Eval(context))
         depth = cast(ImageDepth32F, self._depth.Eval(context))
-        state = np.array(self._arm.Eval(context))
         n = self._arm_joints
-        q = state[:n] - state[n:] * (context.get_time() - image_time)
+        kept = self._now(context) if self._kept is None else np.array(context.get_discrete_state(self._kept).value())
+        time, state, errors = kept[0], kept[1 : 1 + 2 * n], kept[1 + 2 * n :]
+        q = state[:n] - state[n:] * (time - image_time)
         grid, metres = self._grid, self._alignment.depth(depth.data[..., 0])
-        if self._calibration.HasValue(context):
-            errors = np.array(self._calibration.Eval(context))[:SIZE]
-            if errors.any():
-                grid, factor = self._corrected(errors.tobytes())
-                metres = metres * np.float32(factor)
+        if errors.any():
+            grid, factor = self._corrected(errors.tobytes())
+            metres = metres * np.float32(factor)
         output.set_value(
             segment(
                 self._alignment.colours(rgb.data[..., :3]),
