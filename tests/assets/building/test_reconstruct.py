@@ -12,12 +12,13 @@ import trimesh
 from tests.assets.building.pictured import Shots, box, cameras, cup, shots, write
 from twin_diagram.assets import Asset
 from twin_diagram.assets.building import build_from_frames, build_from_predictions
+from twin_diagram.assets.building.contradictions import agreeing
 from twin_diagram.assets.building.decimation import enclosed_volume, is_closed
 from twin_diagram.assets.building.depth_view import DepthView, make_view, surface_normals, thinned, view_points
 from twin_diagram.assets.building.fusion import FusionGrid, fuse
 from twin_diagram.assets.building.looking_past import check_unseen
 from twin_diagram.assets.building.predictions import metric, read_predictions
-from twin_diagram.assets.building.reconstruct import Reconstruction, agreeing, reconstruct
+from twin_diagram.assets.building.reconstruct import Reconstruction, reconstruct
 from twin_diagram.assets.building.selection import the_one_thing
 from twin_diagram.assets.building.view_poses import align, mean_surface
 from twin_diagram.assets.description import read_spec

@@ -61,6 +61,7 @@ class DepthView:
         rgb: (h, w, 3) of the colour camera, or None.
         colour: its camera.
         vote: what its rays count where they contradict what others see, in [0, 1].
+        corner: row and column of its first pixel in the camera's whole picture.
     """
 
     camera: ViewCamera
@@ -73,6 +74,7 @@ class DepthView:
     rgb: npt.NDArray[np.uint8] | None
     colour: ViewCamera
     vote: float = 1.0
+    corner: tuple[int, int] = (0, 0)
 
     def trusted_at(self, mask: Mask) -> DepthView:
         """Return the same view with surfaces beside a mask (h, w) no longer trusted; rays through there still are."""
@@ -147,7 +149,8 @@ def cropped(frame: RgbdFrame, points: Array, margin: int) -> DepthView | None:
     camera = _within(frame.camera, window)
     beside = None if frame.beside is None else frame.beside[window]
     colour = None if own else _within(frame.colour, shown)
-    return make_view(camera, frame.depth[window], mask, rgb, colour, beside=beside)
+    view = make_view(camera, frame.depth[window], mask, rgb, colour, beside=beside)
+    return replace(view, corner=(window[0].start, window[1].start))
 
 
 def _every(camera: ViewCamera, step: int, size: tuple[int, ...]) -> ViewCamera:

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from twin_diagram.assets.building.colouring import nearest_pixels, views_that_see
+from twin_diagram.assets.building.colouring import views_that_see
+from twin_diagram.assets.building.contradictions import agreeing, check_agreement, kept_to_mask
 from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.decimation import decimated, enclosed_volume
 from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse, without
 from twin_diagram.assets.building.iso_surface import zero_surface
-from twin_diagram.assets.building.looking_past import TUNING as PAST
-from twin_diagram.assets.building.looking_past import check_unseen, looking_past
+from twin_diagram.assets.building.lasting_error import lasting_error
+from twin_diagram.assets.building.looking_past import check_unseen
 from twin_diagram.assets.building.selection import TUNING as CHOICE
 from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
 from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
 from twin_diagram.assets.building.support_plane import find_plane
-from twin_diagram.assets.building.view_poses import align, doubted
+from twin_diagram.assets.building.view_poses import AlignedViews, align, doubted
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.signals.arrays import Array
@@ -65,39 +66,11 @@ class Tuning:
     farthest: float = 20.0
     """Greatest such distance [m]; more, and a unit is wrong, or millimetres cannot be told."""
 
-    beside_mask: int = 2
-    """Distance from a mask at which the object is surely not [pixel]; refined poses are off by less."""
-
-    nothing_behind: float = 100.0
-    """Depth that is taken where a mask says that the object is not and the camera sees nothing [m]."""
-
-    left_out: float = 0.25
-    """Share of the views of a held object that may be left out because they contradict the others: it slips."""
-
-    denied: float = 0.2
-    """Share of a view's points that the others look through from which it contradicts them: honest ones have 0.05 at
-    most, two of six views that were told each other's poses 0.22 and 0.34."""
-
-    through: float = 0.1
-    """How far behind a point a view must see to look through it, as a share of the object's size, …"""
-
-    least_through: float = 0.005
-    """… no less than this [m], which is more than refined poses are off, …"""
-
-    most_through: float = 0.012
-    """… and no more [m], …"""
-
-    through_noise: float = 6.0
-    """… but for noise: no less than so many of its standard deviations."""
-
     one_side: float = float(np.radians(15.0))
     """Angle that views must span about the object [rad]: from one side alone, no object is told."""
 
     asked_views: int = 24
     """About how many of the views of a held object tell where it is."""
-
-    asked: int = 400
-    """Points of each view that are asked about."""
 
 
 TUNING = Tuning()
@@ -173,17 +146,11 @@ def reconstruct(
     if len(views) < TUNING.least_views:
         raise FramesError(f"{where}: only {len(views)} views show the object, at least {TUNING.least_views} are needed")
     _check_sides(views, (low + high) / 2, where)
-    found = align(views, low, high, plane, seed)
-    if held and len(kept := agreeing(found.views, low, high, found.noise)) < len(views):
-        # What slipped in the hand as its picture was taken was followed wrongly; the others do without it.
-        say(f"{len(views) - len(kept)} of {len(views)} views contradict the others and are left out")
-        views = [views[k] for k in kept]
-        _check_sides(views, (low + high) / 2, where)
-        found = align(views, low, high, plane, seed)
+    found = _aligned(views, low, high, plane, seed, held, where, say)
     say(f"poses refined: surfaces agree to {found.noise * 1000:.2f} mm")
     # Only now, for what surrounds the object tells where the cameras were.
-    views = [_kept_to_mask(view, 0 if held else CHOICE.growth) for view in found.views]
-    _check_agreement(views, low, high, found.noise, where)
+    views = [kept_to_mask(view, 0 if held else CHOICE.growth) for view in found.views]
+    check_agreement(views, low, high, found.noise, where)
     surest = [doubted(view, c, found.centre, found.noise) for view, c in zip(views, found.covariances, strict=True)]
     fused = fuse(surest, _grid(low, high, TUNING.grid_points, TUNING.voxel), found.noise, found.plane)
     if beside is not None:
@@ -196,6 +163,32 @@ def reconstruct(
     unseen = check_unseen(share_unseen(vertices, faces, count), where)
     say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
     return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise)
+
+
+def _aligned(
+    views: list[DepthView],
+    low: Array,
+    high: Array,
+    plane: Array | None,
+    seed: int,
+    held: bool,
+    where: str,
+    say: Callable[[str], None],
+) -> AlignedViews:
+    """Return views that agree, without those that slipped and without what all have wrong at the same pixels."""
+    found = align(views, low, high, plane, seed)
+    if held and len(kept := agreeing(found.views, low, high, found.noise)) < len(views):
+        # What slipped in the hand as its picture was taken was followed wrongly; the others do without it.
+        say(f"{len(views) - len(kept)} of {len(views)} views contradict the others and are left out")
+        views = [views[k] for k in kept]
+        _check_sides(views, (low + high) / 2, where)
+        found = align(views, low, high, plane, seed)
+    lasting = lasting_error(found, low, high, seed)
+    if lasting is None:
+        return found
+    distance = float(np.median([np.linalg.norm(view.camera.p_WC - (low + high) / 2) for view in views]))
+    say(f"at the same pixels of all views depth is off by {lasting.rms * distance**2 * 1000:.2f} mm: taken out")
+    return align([lasting.taken_from(view) for view in views], low, high, plane, seed)
 
 
 def share_unseen(vertices: Array, faces: npt.NDArray[np.int64], count: npt.NDArray[np.int64]) -> float:
@@ -277,28 +270,6 @@ def check_size(points: Array, where: str) -> None:
         )
 
 
-def denied(views: Sequence[DepthView], low: Array, high: Array, through: float, seed: int = 0) -> Array:
-    """Return the share (n,) of each view's points in a box that more of the other views look through than see.
-
-    Those look through a point that see something more than `through` [m] behind it.
-    """
-    rng = np.random.default_rng(seed)
-    shares = np.zeros(len(views))
-    for k, view in enumerate(views):
-        points, _, _ = view_points(view, 1)
-        points = points[((points > low) & (points < high)).all(axis=1)]
-        points = points[rng.permutation(len(points))[: TUNING.asked]]
-        balance = np.zeros(len(points))
-        for other in (*views[:k], *views[k + 1 :]):
-            u, v, z = other.camera.project(points)
-            row, column, there = nearest_pixels(u, v, other.depth.shape)
-            behind = np.where(there & (other.depth[row, column] > 0), other.depth[row, column] - z, np.nan)
-            clear = (behind > through) & ~other.near_edge[row, column]
-            balance += clear.astype(float) - (np.abs(behind) < through)
-        shares[k] = (balance > 0).mean() if len(points) else 0.0
-    return shares
-
-
 def _check_sides(views: Sequence[DepthView], middle: Array, where: str) -> None:
     """Refuse views that all show the object from one side."""
     away = np.array([view.camera.p_WC - middle for view in views])
@@ -309,59 +280,6 @@ def _check_sides(views: Sequence[DepthView], middle: Array, where: str) -> None:
             f"{where}: all {len(views)} views show the object from one side, within {np.degrees(span):.1f}°; "
             f"{np.degrees(TUNING.one_side):.0f}° at least are needed, views from all around are better"
         )
-
-
-def agreeing(views: Sequence[DepthView], low: Array, high: Array, noise: float) -> list[int]:
-    """Return the numbers of views without those that contradict the others; all, where too many do to tell which.
-
-    Args:
-        views: of one thing, before they are kept to their masks.
-        low: (3,) lowest corner of the box about it [m].
-        high: (3,) its highest.
-        noise: standard deviation of depth [m].
-    """
-    masked = [_kept_to_mask(view, 0) for view in views]
-    kept = list(range(len(views)))
-    for _ in range(int(TUNING.left_out * len(views))):
-        shares = denied([masked[k] for k in kept], low, high, _through(low, high, noise))
-        worst = int(np.argmax(shares))
-        if shares[worst] <= TUNING.denied:
-            return kept
-        del kept[worst]
-    shares = denied([masked[k] for k in kept], low, high, _through(low, high, noise))
-    return kept if shares.max() <= TUNING.denied else list(range(len(views)))
-
-
-def _through(low: Array, high: Array, noise: float) -> float:
-    """Return how far behind a surface others must see for it to be denied [m]."""
-    size = float((high - low).max())
-    through = float(np.clip(TUNING.through * size, TUNING.least_through, TUNING.most_through))
-    return max(through, TUNING.through_noise * noise)
-
-
-def _check_agreement(views: Sequence[DepthView], low: Array, high: Array, noise: float, where: str) -> None:
-    through = _through(low, high, noise)
-    for shares, most, why in (
-        (looking_past(views, low, high, through), PAST.past, "it looks through {:.0f} % of what they show"),
-        (denied(views, low, high, through), TUNING.denied, "they look through {:.0f} % of what it shows"),
-    ):
-        worst = int(np.argmax(shares))
-        if shares[worst] > most:
-            raise FramesError(f"{where}: view {worst} contradicts the others: {why.format(100 * shares[worst])}")
-
-
-def _kept_to_mask(view: DepthView, growth: int) -> DepthView:
-    """Return the view with surfaces outside its mask, grown by so many pixels, no longer trusted: they are others'.
-
-    Where there is no depth, either, as where nothing stands behind the object, its rays are looked through, as those
-    beside an edge are.
-    """
-    if view.mask is None or view.colour is not view.camera:
-        return view
-    inside = grown(view.mask, growth)
-    nothing = ~grown(view.mask, TUNING.beside_mask) & (view.depth <= 0)
-    depth = np.where(nothing, np.float32(TUNING.nothing_behind), view.depth)
-    return replace(view.trusted_at(inside), depth=depth, near_edge=view.near_edge | nothing)
 
 
 def _grid(low: Array, high: Array, count: float, finest: float) -> FusionGrid:

@@ -83,6 +83,8 @@ class Tuning:
 
 TUNING = Tuning()
 
+Numbers = npt.NDArray[np.int64]
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -106,6 +108,7 @@ class AlignedViews:
         noise: standard deviation of depth at the object [m].
         covariances: (n, 6, 6) of each view's pose as a twist about `centre` (rotation, translation) [rad, m].
         centre: (3,) of the box that was given.
+        twists: (n, 6), or (n, 7) with a scale of depth: from where each view was told to where it is, step by step.
     """
 
     views: list[DepthView]
@@ -115,6 +118,7 @@ class AlignedViews:
     noise: float
     covariances: Array
     centre: Array
+    twists: Array
 
 
 def moved(view: DepthView, twist: Array, about: Array) -> DepthView:
@@ -129,11 +133,11 @@ def moved(view: DepthView, twist: Array, about: Array) -> DepthView:
     return view.at(camera.moved(R @ camera.R_WC, R @ (camera.p_WC - about) + about + twist[3:6]))
 
 
-def mean_surface(points: Array, normals: Array, cell: float, shift: Array) -> tuple[Array, Array]:
-    """Return places and unit normals (M, 3) of cells: means of the points in each that face one of six ways.
+def surface_cells(points: Array, normals: Array, cell: float, shift: Array) -> tuple[Array, Array, Numbers]:
+    """Return places and unit normals (M, 3) of cells, means of the points in each that face one of six ways.
 
-    Cells are long the way they face. Were they not, views a little apart would fall into cells behind one another, and
-    each view agree with its own.
+    And which cell each point is in (N,), or −1 where that has too few. Cells are long the way they face. Were they not,
+    views a little apart would fall into cells behind one another, and each view agree with its own.
 
     Args:
         points: (N, 3) [m].
@@ -141,6 +145,8 @@ def mean_surface(points: Array, normals: Array, cell: float, shift: Array) -> tu
         cell: edge across the way that is faced [m].
         shift: (3,) in [0, 1), of the cells' borders.
     """
+    if not len(points):
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
     main = np.argmax(np.abs(normals), axis=1)
     rows = np.arange(len(normals))
     way = 2 * main + (normals[rows, main] < 0)
@@ -151,13 +157,22 @@ def mean_surface(points: Array, normals: Array, cell: float, shift: Array) -> tu
     size = index.max(axis=0) + 1
     key = ((index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]) * 6 + way
     order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.append(True, np.diff(key[order]) != 0))
+    first = np.append(True, np.diff(key[order]) != 0)
+    starts = np.flatnonzero(first)
     count = np.diff(np.append(starts, len(order)))[:, None]
     place = np.add.reduceat(points[order], starts, axis=0) / count
     normal = np.add.reduceat(normals[order], starts, axis=0)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     kept = (count[:, 0] >= 3) & (length[:, 0] > 0.5 * count[:, 0])
-    return place[kept], (normal / np.maximum(length, 1e-12))[kept]
+    of = np.empty(len(order), dtype=np.int64)
+    of[order] = np.where(kept, np.cumsum(kept) - 1, -1)[np.cumsum(first) - 1]
+    return place[kept], (normal / np.maximum(length, 1e-12))[kept], of
+
+
+def mean_surface(points: Array, normals: Array, cell: float, shift: Array) -> tuple[Array, Array]:
+    """Return places and unit normals (M, 3) of the cells that points (N, 3) form, as of `surface_cells`."""
+    place, normal, _ = surface_cells(points, normals, cell, shift)
+    return place, normal
 
 
 def align(
@@ -182,14 +197,14 @@ def align(
     centre = (low + high) / 2
     above = np.mean([view.camera.p_WC for view in now], axis=0)
     rng = np.random.default_rng(seed)
-    samples = [_sample(view, low, high, rng) for view in now]
+    samples = [sampled(view, low, high, rng) for view in now]
     residuals, explained = np.zeros(len(now)), np.ones(len(now))
     prior = _prior(prior_scale)
     twists, covariances = np.zeros((len(now), len(prior))), np.zeros((len(now), 6, 6))
     noise = TUNING.first_noise
     if not any(len(sample.points) for sample in samples):
         covariances += np.diag(1.0 / prior[:6])
-        return AlignedViews(now, plane, residuals, np.zeros(len(now)), noise, covariances, centre)
+        return AlignedViews(now, plane, residuals, np.zeros(len(now)), noise, covariances, centre, twists)
     for cell in TUNING.cells:
         if plane is not None:
             plane = _support(now, samples, plane, above)
@@ -208,7 +223,7 @@ def align(
             residuals[k], near = _spread(view, samples[k], matches[k], noise)
             explained[k] = matches[k].explained * near
         noise = max(float(np.median(residuals)), TUNING.noise_floor)
-    return AlignedViews(now, plane, residuals, explained, noise, covariances, centre)
+    return AlignedViews(now, plane, residuals, explained, noise, covariances, centre, twists)
 
 
 @dataclass(frozen=True)
@@ -222,14 +237,15 @@ class _Match:
     explained: float
 
 
-def _sample(view: DepthView, low: Array, high: Array, rng: np.random.Generator) -> Sample:
-    points, normals, at = view_points(view, 1, TUNING.flat_trusted)
-    near = ((points > low - 0.01) & (points < high + 0.01)).all(axis=1)
+def sampled(view: DepthView, low: Array, high: Array, rng: np.random.Generator, points: int = TUNING.points) -> Sample:
+    """Return so many points of a view on what lies in a box about the object, and beside it."""
+    place, normals, at = view_points(view, 1, TUNING.flat_trusted)
+    near = ((place > low - 0.01) & (place < high + 0.01)).all(axis=1)
     surely = near & (view.trust[at[:, 0], at[:, 1]] > TUNING.trusted)
     own = surely if np.count_nonzero(surely) >= TUNING.fewest else near
-    chosen = [rng.permutation(np.flatnonzero(which))[: TUNING.points] for which in (own, ~near)]
+    chosen = [rng.permutation(np.flatnonzero(which))[:points] for which in (own, ~near)]
     c = view.camera
-    p_C, n_C = (points - c.p_WC) @ c.R_WC, normals @ c.R_WC
+    p_C, n_C = (place - c.p_WC) @ c.R_WC, normals @ c.R_WC
     return Sample(p_C[chosen[0]], n_C[chosen[0]], p_C[chosen[1]], n_C[chosen[1]])
 
 
