@@ -154,13 +154,17 @@ def display(
     return good
 
 
+def tool_at(learning: Learning, tilt: float) -> Array:
+    """Return the pose X_WT (4, 4) of the tool in the middle of a turn before the camera, its axis tilted [rad]."""
+    approach = np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
+    place = np.array(learning.display) - [TUNING.nearer if tilt < -0.1 else 0.0, 0.0, 0.0]
+    return pose(pointing(approach, np.array([0.0, 1.0, 0.0])), place)
+
+
 def _posture(mover: Mover, cell: Cell, learning: Learning, tilts: tuple[float, ...]) -> Array | None:
     """Go to where the last joint's turn begins; return the joint angles there, None where no tilt is reached."""
     for tilt in tilts:
-        approach = np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
-        place = np.array(learning.display) - [TUNING.nearer if tilt < -0.1 else 0.0, 0.0, 0.0]
-        X_WT = pose(pointing(approach, np.array([0.0, 1.0, 0.0])), place)
-        goals = mover.goals(X_WT, cell.commanded)
+        goals = mover.goals(tool_at(learning, tilt), cell.commanded)
         if not len(goals):
             continue
         # The turn begins at the end that is nearer; the last joint hardly changes what the arm is near to.

@@ -19,6 +19,7 @@ from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
 from twin_diagram.runs.learning.finishing import write_learned
@@ -180,7 +181,7 @@ class Learner:
         try:
             with self._stage(name, "display") as told:
                 shown = handling.show_first(self.tools, picked)
-                told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
+                told.update(seen_so_far(shown))
             self._show_again(name, shown)
             handling.write_frames(folder / FRAMES, shown)
             self._jobs.add(name, folder)
@@ -217,6 +218,8 @@ class Learner:
             self._note_failure(one, picked.thing.middle)
         self._handled += 1
         one.grasps = len(shown.X_ST)
+        if shown.seen_shares:
+            one.figures |= plain({"seen_share": shown.seen_shares[-1], "seen_after_grasps": shown.seen_shares})
         slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
         one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})
         self.state.learned.append(one)
@@ -227,12 +230,12 @@ class Learner:
         Raises:
             NothingHeld: it is no longer in the hand.
         """
-        for _ in range(1, self.tools.learning.grasps):
+        while asks_for_more(len(shown.X_ST), shown.seen_shares, self.tools.learning):
             self._in_bin = False
             try:
                 with self._stage(name, "display again") as told:
                     told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
-                    told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
+                    told.update(seen_so_far(shown))
             except NoWay as why:
                 if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
                     raise NothingHeld(f"it was set down, and then: {why}") from why
@@ -356,6 +359,12 @@ class Learner:
         done = self._handled
         each = (time.monotonic() - self._begun) / done if done else TUNING.usual
         return each * self._left
+
+
+def seen_so_far(shown: ShownObject) -> dict[str, float]:
+    """Return figures of what was shown of an object, for the events."""
+    so_far = {"pictures": len(shown.followed.shown), "slips": len(shown.followed.slips)}
+    return so_far | ({"seen_share": shown.seen_shares[-1]} if shown.seen_shares else {})
 
 
 def finish(record: LearningRecord, one: Learned, model: Model) -> None:
