@@ -14,7 +14,6 @@ from twin_diagram.native import import_open3d
 from twin_diagram.runs.learning.seen_map import TUNING as SEEN
 from twin_diagram.runs.learning.seen_map import Boxes, SeenMap, Voxels, all_about
 
-o3d = import_open3d()
 Array = npt.NDArray[np.float64]
 SAMPLES = 3000
 """Of a mesh's surface, each as large as the others."""
@@ -36,7 +35,11 @@ class Shown:
         """Return an OBJ file's mesh turned to how it lies, its lowest point at z = 0, and nothing of it seen."""
         text = parse_obj(path)
         corners = np.asarray(text.v)[text.corners[:, :, 0]] @ R.T
-        corners -= [0.0, 0.0, corners[..., 2].min()]
+        return Shown.of_surface(corners - [0.0, 0.0, corners[..., 2].min()], seed)
+
+    @staticmethod
+    def of_surface(corners: Array, seed: int) -> Shown:
+        """Return a mesh (F, 3, 3) of which nothing is seen."""
         rng = np.random.default_rng(seed)
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = np.linalg.norm(cross, axis=1)
@@ -47,7 +50,7 @@ class Shown:
 
     def look(self, hand: Boxes, cameras_T: Array) -> None:
         """Count the pictures of a display in which each sample is seen, as the mesh and the hand's boxes hide it."""
-        scene = _scene(self.corners)
+        scene, o3d = _scene(self.corners), import_open3d()
         for low, high in zip(hand.low, hand.high, strict=True):
             box = o3d.t.geometry.TriangleMesh.create_box(*(high - low))
             box.translate(low).transform(hand.X_ST)
@@ -78,7 +81,7 @@ class Shown:
 
 
 def _scene(corners: Array) -> Any:
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene = import_open3d().t.geometry.RaycastingScene(nthreads=1)
     vertices = corners.reshape(-1, 3).astype(np.float32)
     scene.add_triangles(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
     return scene

@@ -158,7 +158,7 @@ def seen_map(points: Array, normals: Array, frames: Sequence[RgbdFrame], hands: 
     measured = _patches(points, normals)
     gaps = _gaps(voxels, points)
     where, outward = (np.concatenate(rows) for rows in zip(measured[:2], gaps[:2], strict=True))
-    count, distance, angle = _looked_at(where, outward, frames)
+    count, distance, angle = looked_at(where, outward, frames)
     # What was never measured is there only if something is seen of it.
     reachable = np.concatenate([np.ones(len(measured[0]), dtype=bool), sights(voxels, *gaps[:2]).any(axis=1)])
     return SeenMap(
@@ -242,9 +242,7 @@ def _gaps(voxels: Voxels, points: Array) -> tuple[Array, Array, Array]:
     return middle[kept], outward, voxels.edge**2 / np.maximum(np.abs(outward).max(axis=1), 1e-9)
 
 
-def _looked_at(
-    points: Array, normals: Array, frames: Sequence[RgbdFrame]
-) -> tuple[npt.NDArray[np.int64], Array, Array]:
+def looked_at(points: Array, normals: Array, frames: Sequence[RgbdFrame]) -> tuple[npt.NDArray[np.int64], Array, Array]:
     """Return in how many pictures patches are seen, and their least distance and angle in these (N,)."""
     count = np.zeros(len(points), dtype=np.int64)
     nearest, straightest = np.full(len(points), np.inf), np.full(len(points), np.inf)
