@@ -305,8 +305,8 @@ class Learner:
         self.record.event(object=name, stage="report", why=why, picture=file)
         self._say(f"{name}: {why}; left in the bin")
 
-    def _collect(self) -> None:
-        """Write the assets of shapes that are made."""
+    def _collect(self) -> bool:
+        """Write the assets of shapes that are made; whether there were any."""
         self._made += self._jobs.poll()
         known = {one.name for one in self.state.learned}
         ready, self._made = [d for d in self._made if d.name in known], [d for d in self._made if d.name not in known]
@@ -322,6 +322,7 @@ class Learner:
                 object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {})
             )
             self._say(f"{one.name}: {one.state}, {self.record.library / one.name}")
+        return bool(ready)
 
     def _wait(self) -> None:
         """Wait for reconstructions under way."""
@@ -352,7 +353,9 @@ class Learner:
         finally:
             took = {"sim": round(cell.time - sim, 3), "took": round(time.monotonic() - wall, 2)}
             self.record.event(object=name, stage=stage, at=round(cell.time, 3), **took, **plain(told))
-            self._collect()
+            if self._collect():
+                # A kill from here on has no asset made anew; the world is still that before the object in hand.
+                self.record.save(self.state)
 
     def remaining(self) -> float:
         """Return how long the bin's objects will take, by those so far [s of wall clock]."""
