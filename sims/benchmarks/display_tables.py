@@ -28,6 +28,7 @@ from display_truth.shown import Shown  # noqa: E402
 from twin_diagram import load_scenario  # noqa: E402
 from twin_diagram.planning.grasps import Grasps, Wanted, gripper_of, propose  # noqa: E402
 from twin_diagram.runs.learning.bin_view import downward  # noqa: E402
+from twin_diagram.runs.learning.coverage import tilts_of, turns_before  # noqa: E402
 from twin_diagram.runs.learning.display import TUNING as DISPLAY  # noqa: E402
 from twin_diagram.runs.learning.display import tool_at  # noqa: E402
 from twin_diagram.runs.learning.grasp_selection import by_axes, by_pair, cameras_about, hand_in  # noqa: E402
@@ -75,14 +76,16 @@ def shares(kind: str, seed: int) -> dict[str, list[float]] | None:
             if told[-1] >= WANTED or len(told) > MOST:
                 break
             again, tilts = grasps(thing, len(told)), DISPLAY.later_tilts
-            order = downward(again)
+            order, turns = downward(again), turns_before(learning, p_WC)
             if method == "pca":
                 order = by_axes(again, np.eye(4), thing.points, held)
             elif method == "pair":
-                order, _ = by_pair(again, np.eye(4), thing.as_map(), gripper, cameras(tilts))
+                order, _ = by_pair(again, np.eye(4), thing.as_map(), gripper, turns)
             if not len(order):
                 break
             hand = hand_in(again, int(order[0]), np.eye(4), gripper)
+            if method == "pair":
+                tilts = tilts_of(thing.as_map(), hand, learning, p_WC)
             held.append(hand.X_ST)
         found[method] = told
     return found

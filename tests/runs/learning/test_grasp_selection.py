@@ -10,9 +10,17 @@ from scipy.spatial.transform import Rotation
 from tests.runs.learning.test_seen_map import NORMALS as EVERY_NORMAL
 from tests.runs.learning.test_seen_map import POINTS as EVERY_POINT
 from twin_diagram.planning.grasps import WSG50, Grasps
-from twin_diagram.runs.learning.coverage import asks_for_more, order_of
+from twin_diagram.runs.learning.coverage import LATER, asks_for_more, order_of, tilts_of
 from twin_diagram.runs.learning.display import tool_at
-from twin_diagram.runs.learning.grasp_selection import by_axes, by_pair, cameras_about, hand_in, pictures_of
+from twin_diagram.runs.learning.grasp_selection import (
+    Lacking,
+    best_turns,
+    by_axes,
+    by_pair,
+    cameras_about,
+    hand_in,
+    pictures_of,
+)
 from twin_diagram.runs.learning.motion import pose
 from twin_diagram.runs.learning.seen_map import Boxes, SeenMap, Voxels, all_about
 from twin_diagram.scenario import Learning
@@ -87,7 +95,8 @@ def test_the_pair_shows_what_the_first_grasp_hid() -> None:
         ],
         [0.0, 0.3, 0.0],
     )
-    order, shown = by_pair(again, np.eye(4), seen, WSG50, cameras())
+    turns = [cameras()[:14], cameras()[14:]]
+    order, shown = by_pair(again, np.eye(4), seen, WSG50, turns)
     assert order == [1, 0] and shown[1] > shown[0] + 0.01
     # What it promises is what it shows.
     more = pictures_of(POINTS, NORMALS, open_, hand_in(again, 1, np.eye(4), WSG50), cameras())
@@ -96,13 +105,25 @@ def test_the_pair_shows_what_the_first_grasp_hid() -> None:
     # Where the object stands elsewhere and turned, its own axes count.
     X_WS = pose(Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.array([0.4, 0.1, 0.1]))
     there = grasps([(X_WS[:3, :3] @ downward([1.0, 0.0, 0.0]), [0.4, 0.1, 0.1])], [0.0])
-    assert by_pair(there, X_WS, seen, WSG50, cameras())[1][0] == pytest.approx(shown[1])
+    assert by_pair(there, X_WS, seen, WSG50, turns)[1][0] == pytest.approx(shown[1])
 
 
 def test_of_grasps_that_show_alike_the_firmer_one_goes_first() -> None:
     seen = convex(POINTS, NORMALS, np.zeros(len(POINTS), dtype=np.int64))
     again = grasps([(downward([1.0, 0.0, 0.0]), [0.0, 0.0, 0.0])] * 2, [0.3, 0.1])
-    assert by_pair(again, np.eye(4), seen, WSG50, cameras())[0] == [1, 0]
+    assert by_pair(again, np.eye(4), seen, WSG50, [cameras()])[0] == [1, 0]
+
+
+def test_the_turns_that_show_most_of_what_is_missing_are_taken_the_usual_ones_where_they_show_as_much() -> None:
+    hand = hand_in(grasps([(downward([1.0, 0.0, 0.0]), [0.0, 0.0, 0.0])], [0.0], 0.09), 0, np.eye(4), WSG50)
+    far_end = convex(POINTS, NORMALS, np.where(NORMALS[:, 2] < -0.5, 0, 5))  # beyond the finger tips
+    turns = [cameras_about(CAMERA, [tool_at(Learning(), tilt)], 2.95, 14) for tilt in LATER]
+    chosen, shown = best_turns(Lacking.of(far_end), hand, turns)
+    assert 0.87 in [LATER[k] for k in chosen] and shown == pytest.approx((NORMALS[:, 2] < -0.5).mean(), abs=1e-9)
+    assert tilts_of(far_end, hand, Learning(), CAMERA)[0] == 0.87
+    assert tilts_of(far_end, hand, Learning(grasp_selection="pca"), CAMERA) == LATER[:2]
+    sides = convex(POINTS, NORMALS, np.where(NORMALS[:, 0] > 0.5, 0, 5))
+    assert best_turns(Lacking.of(sides), hand, turns)[0] == (0, 1)
 
 
 def test_principal_axes_are_taken_one_after_the_other() -> None:

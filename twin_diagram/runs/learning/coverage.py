@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from twin_diagram.runs.learning.display import TUNING as DISPLAY
 from twin_diagram.runs.learning.display import Mask, tool_at
 from twin_diagram.runs.learning.following import TUNING as FOLLOWING
 from twin_diagram.runs.learning.following import Followed
-from twin_diagram.runs.learning.grasp_selection import by_axes, by_pair, cameras_about
+from twin_diagram.runs.learning.grasp_selection import Lacking, best_turns, by_axes, by_pair, cameras_about
 from twin_diagram.runs.learning.seen_map import Boxes, SeenMap, seen_map
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
@@ -29,6 +30,8 @@ class Tuning:
 
 
 TUNING = Tuning()
+LATER: Final = (*DISPLAY.later_tilts, *DISPLAY.other_tilts)
+"""Tilts of the tool in further grasps, the usual ones first [rad]."""
 
 
 def posed_frames(followed: Followed) -> tuple[list[RgbdFrame], list[Mask]]:
@@ -87,6 +90,24 @@ def order_of(
     """
     if learning.grasp_selection == "pca":
         return by_axes(grasps, X_WS, seen.points[np.isfinite(seen.distance)], held)
-    tools = [tool_at(learning, tilt) for tilt in DISPLAY.later_tilts]
-    cameras = cameras_about(p_WC, tools, DISPLAY.turn, learning.frames)
-    return by_pair(grasps, X_WS, seen, gripper, cameras)[0]
+    return by_pair(grasps, X_WS, seen, gripper, turns_before(learning, p_WC))[0]
+
+
+def tilts_of(seen: SeenMap, hand: Boxes, learning: Learning, p_WC: Array) -> tuple[float, ...]:
+    """Return at which tilts of the tool an object is shown in a further grasp, the steepest towards the camera first.
+
+    Args:
+        seen: what was seen of it so far.
+        hand: that holds it.
+        learning: which method, and how it is shown.
+        p_WC: (3,) of the scanning camera [m].
+    """
+    if learning.grasp_selection == "pca":
+        return DISPLAY.later_tilts
+    chosen, _ = best_turns(Lacking.of(seen), hand, turns_before(learning, p_WC))
+    return tuple(sorted((LATER[k] for k in chosen), reverse=True))
+
+
+def turns_before(learning: Learning, p_WC: Array) -> list[Array]:
+    """Return where the camera is about the tool (K, 3) in full turns at each of the tilts of further grasps."""
+    return [cameras_about(p_WC, [tool_at(learning, tilt)], DISPLAY.turn, learning.frames) for tilt in LATER]

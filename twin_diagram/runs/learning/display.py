@@ -35,6 +35,9 @@ class Tuning:
     later_tilts: tuple[float, ...] = (0.5, -0.3)
     """The same in further grasps, which show what the fingers of the first one hid."""
 
+    other_tilts: tuple[float, ...] = (0.87, 0.2, -0.45)
+    """Taken in place of these where they show more of what is missing: those of the first grasp, which are reached."""
+
     nearer: float = 0.12
     """By which it is shown nearer to the arm where the axis leads away from the camera [m]: there the arm reaches."""
 

@@ -3,13 +3,14 @@
 The two methods of the thesis behind *Scalable Real2Sim* (its 4.3). `pca`: grasps whose axis, about which the last joint
 turns, lies along a principal axis of the object that no earlier one lay along. `pair`: what the fingers and the palm of
 the earlier grasps hid is to be shown by the further one; what that would show is told by lines of sight from each
-patch to where the camera will be about the hand.
+patch to where the camera will be about the hand, in the two of several tilts of the hand that show most.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,9 @@ class Tuning:
 
     aligned: float = 15.0
     """Angles between a grasp's and a principal axis that differ by less are alike [deg]."""
+
+    turns: int = 2
+    """Full turns in a further grasp."""
 
     apart: float = 10.0
     """Of the directions in which lines of sight are followed [deg]: the nearest one stands for a camera's."""
@@ -91,7 +95,52 @@ def _meets(begin: Array, lines: Array, low: Array, high: Array) -> Flags:
     return np.asarray(leave > np.maximum(enter, 0.0))
 
 
-def by_pair(grasps: Grasps, X_WS: Array, seen: SeenMap, gripper: Gripper, cameras_T: Array) -> tuple[list[int], Array]:
+@dataclass(frozen=True)
+class Lacking:
+    """Patches that some pose would show and none did.
+
+    Attributes:
+        points: (N, 3) in S [m], with outward normals (N, 3).
+        normals: of them.
+        share: (N,) of the whole surface.
+        frames: (N,) pictures that show each so far.
+        open_: (N, D) of `sights`.
+    """
+
+    points: Array
+    normals: Array
+    share: Array
+    frames: npt.NDArray[np.int64]
+    open_: Flags
+
+    @staticmethod
+    def of(seen: SeenMap) -> Lacking:
+        """Return them of a map."""
+        missing = seen.missing
+        points, normals = seen.points[missing], seen.normals[missing]
+        whole = max(float(seen.area[seen.reachable | seen.seen].sum()), 1e-12)
+        open_ = sights(seen.voxels, points, normals, SEEN.slant + TUNING.apart)
+        return Lacking(points, normals, seen.area[missing] / whole, seen.frames[missing], open_)
+
+
+def best_turns(lacking: Lacking, hand: Boxes, turns: Sequence[Array]) -> tuple[tuple[int, ...], float]:
+    """Return which full turns before the camera show most of what is missing, and the share of the surface that is.
+
+    Args:
+        lacking: what is missing.
+        hand: that holds the object.
+        turns: (K, 3) each, of `cameras_about`; those that are usual first.
+    """
+    each = [pictures_of(lacking.points, lacking.normals, lacking.open_, hand, cameras_T) for cameras_T in turns]
+    chosen = list(combinations(range(len(turns)), min(TUNING.turns, len(turns))))
+    shown = np.array([lacking.share[lacking.frames + sum(each[k] for k in few) >= SEEN.frames].sum() for few in chosen])
+    best = int(np.flatnonzero(shown >= shown.max() - TUNING.alike)[0])
+    return chosen[best], float(shown[best])
+
+
+def by_pair(
+    grasps: Grasps, X_WS: Array, seen: SeenMap, gripper: Gripper, turns: Sequence[Array]
+) -> tuple[list[int], Array]:
     """Return the numbers of grasps from above, those first that show most of what is missing, and what each shows (m,).
 
     Args:
@@ -99,18 +148,11 @@ def by_pair(grasps: Grasps, X_WS: Array, seen: SeenMap, gripper: Gripper, camera
         X_WS: (4, 4) where the object stands.
         seen: what was seen of it, in S.
         gripper: that takes it.
-        cameras_T: (K, 3) of `cameras_about`.
+        turns: of `best_turns`, from which each grasp has its best.
     """
-    missing = seen.missing
-    points, normals, area = seen.points[missing], seen.normals[missing], seen.area[missing]
-    open_ = sights(seen.voxels, points, normals, SEEN.slant + TUNING.apart)
-    whole = max(float(seen.area[seen.reachable | seen.seen].sum()), 1e-12)
-    shown = np.zeros(len(grasps))
-    for k in _from_above(grasps):
-        hand = hand_in(grasps, int(k), X_WS, gripper)
-        more = pictures_of(points, normals, open_, hand, cameras_T)
-        shown[k] = area[seen.frames[missing] + more >= SEEN.frames].sum() / whole
-    above = _from_above(grasps)
+    lacking, above, shown = Lacking.of(seen), _from_above(grasps), np.zeros(len(grasps))
+    for k in above:
+        shown[k] = best_turns(lacking, hand_in(grasps, int(k), X_WS, gripper), turns)[1]
     lacks = np.floor((shown[above].max(initial=0.0) - shown[above]) / TUNING.alike)
     return above[np.lexsort((grasps.score[above], lacks))].tolist(), shown
 

@@ -26,8 +26,7 @@ from twin_diagram.runs.learning.bin_view import (
     why_not,
 )
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
-from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames
-from twin_diagram.runs.learning.display import TUNING as DISPLAY
+from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import NothingHeld, display
 from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
@@ -35,7 +34,7 @@ from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
-from twin_diagram.runs.learning.seen_map import SeenMap
+from twin_diagram.runs.learning.seen_map import Boxes, SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.weighing import slipped, swing_empty, swing_held, write_swung
 from twin_diagram.scenario import Learning
@@ -253,7 +252,8 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     shown.openings.append(tools.cell.opening)
     shown.R_WT = R_WS_lying @ X_ST[:3, :3]
     hold_seen(tools, shown)
-    number, tilts = len(shown.X_ST) - 1, DISPLAY.later_tilts
+    hand = Boxes(X_ST, *tools.gripper.boxes(tools.cell.opening))
+    number, tilts = len(shown.X_ST) - 1, tilts_of(shown.seen, hand, tools.learning, p_WC)
     pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts)
     before = shown.followed
     shown.followed = follow(before, pictures, X_ST, TUNING.regrasped)
