@@ -30,7 +30,14 @@ class Learning:
     tries: int = 3
     """Grasps of one object before another is taken."""
     grasps: int = 2
-    """In how many each object is shown."""
+    """In how many each object is shown at least."""
+    most_grasps: int = 3
+    """In how many at most, where less than `seen_share` of it was seen."""
+    seen_share: float = 0.98
+    """Of the surface that some pose would show: less asks for a further grasp."""
+    grasp_selection: str = "pair"
+    """Which further grasp: `pair`, the one that shows most of what fingers and palm hid so far; `pca`, one whose axis
+    lies along another principal axis of the object."""
     frames: int = 14
     """Pictures of a full turn."""
     turn_speed: float = 1.0

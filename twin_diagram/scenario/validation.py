@@ -55,7 +55,7 @@ POSITIVE: dict[type, tuple[str, ...]] = {
     ),
     Growing: ("things", "attempts", "patience"),
     Healing: ("seconds", "patience"),
-    Learning: ("force", "tries", "grasps", "frames", "turn_speed"),
+    Learning: ("force", "tries", "grasps", "most_grasps", "frames", "turn_speed"),
     Lidar: ("columns", "rows", "width", "height", "rate", "latency"),
     LinkSensor: ("rate",),
     Perception: ("stride", "cluster_gap", "smallest"),
@@ -101,6 +101,7 @@ are looked at."""
 SHARE: dict[type, tuple[str, ...]] = {
     Braking: ("torque_share",),
     Healing: ("held_out",),
+    Learning: ("seen_share",),
     Planner: ("velocity_share", "torque_share"),
     Registration: ("colour_weight", "minimum_quality"),
 }
@@ -245,6 +246,8 @@ def _learning(learning: Learning, cameras: dict[str, Camera], name: str) -> None
         _corners(getattr(learning, field), f"{name}.{field}")
     if len(learning.display) != 3:
         raise ScenarioError(f"{name}.display", f"{learning.display} is not three numbers")
+    if learning.grasp_selection not in ("pair", "pca"):
+        raise ScenarioError(f"{name}.grasp_selection", f"{learning.grasp_selection!r} is none of pair, pca")
 
 
 def _healing(healing: Healing, name: str) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from display_truth.shown import Shown
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import cKDTree
 
@@ -16,8 +17,12 @@ from twin_diagram.assets.building.inertia import solid_of
 from twin_diagram.assets.building.surface import weld
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import parse_obj
+from twin_diagram.logs.frames.transforms_folder import TransformsFolder
 from twin_diagram.runs.learning.following import register
-from twin_diagram.runs.learning.record import STATE
+from twin_diagram.runs.learning.record import LIBRARY, OBJECTS, STATE
+from twin_diagram.runs.learning.seen_map import TUNING as SEEN
+from twin_diagram.runs.learning.seen_map import looked_at
+from twin_diagram.runs.learning.shape_worker import FRAMES
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.station.sim.world_plant import build_world
@@ -120,15 +125,39 @@ def registered(points: Array, normals: Array, true: TrueObject, X_WO: Array) -> 
     return X
 
 
-def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> dict[str, Any]:
+def seen_share(true: TrueObject, X_OS: Array, frames: Path) -> float:
+    """Return how much of the true surface the kept pictures show, of what some pose would show by rays past it.
+
+    Args:
+        true: the object.
+        X_OS: (4, 4) of the frame S of the pictures' poses in the true object's O.
+        frames: folder of the pictures, with masks.
+    """
+    folder = TransformsFolder(frames)
+    whole = Shown.of_surface(true.corners, 0)
+    points, normals = (whole.points - X_OS[:3, 3]) @ X_OS[:3, :3], whole.normals @ X_OS[:3, :3]
+    count = looked_at(points, normals, [folder.read(k) for k in range(len(folder))])[0]
+    seen, reachable = count >= SEEN.frames, whole.reachable()
+    return float(seen[reachable].mean())
+
+
+def pose_of(figures: dict[str, Any]) -> Array:
+    """Return the pose X_OS (4, 4) of the pictures' frame in the asset's, by an object's figures."""
+    X_OS = np.eye(4)
+    X_OS[:3, :3], X_OS[:3, 3] = figures["R_OS"], figures["p_OS"]
+    return X_OS
+
+
+def scored(one: dict[str, Any], out: Path, true: TrueObject, X_WO: Array) -> dict[str, Any]:
     """Return how far a learned asset is off the true object.
 
     Args:
         one: its entry in the run's state.
-        folder: of the asset.
+        out: folder of the run.
         true: the object.
         X_WO: (4, 4) where the asset's O was last told to be, which is a first guess alone.
     """
+    folder = out / LIBRARY / one["name"]
     learned = triangles(folder / "visual.obj")
     points, normals = sampled(learned, 20000)
     truth, outward = sampled(true.corners, 20000)
@@ -150,6 +179,7 @@ def scored(one: dict[str, Any], folder: Path, true: TrueObject, X_WO: Array) -> 
         "to_truth_mm": 1e3 * float(there.mean()),
         "to_mesh_mm": 1e3 * float(back.mean()),
         "within_3mm": float((back < 3e-3).mean()),
+        "seen": seen_share(true, X @ pose_of(one["figures"]), out / OBJECTS / one["name"] / FRAMES),
         "unseen": spec.unseen,
         "true_mass": true.mass,
         "mass": spec.mass / true.mass - 1.0,
@@ -188,9 +218,7 @@ def matched(scenario: Scenario, out: Path) -> list[Matched]:
         if one["state"] != "finished" or "X_WS" not in figures or one["name"] not in truth:
             found.append(Matched(one))
             continue
-        X_OS = np.eye(4)
-        X_OS[:3, :3], X_OS[:3, 3] = figures["R_OS"], figures["p_OS"]
-        X_WO = np.array(figures["X_WS"]) @ np.linalg.inv(X_OS)
+        X_WO = np.array(figures["X_WS"]) @ np.linalg.inv(pose_of(figures))
         every = true_objects(scenario, truth[one["name"]])
         true = min(every, key=lambda t: float(np.linalg.norm(t.X_WO[:3, 3] - X_WO[:3, 3])))
         found.append(Matched(one, true, X_WO))
@@ -205,6 +233,6 @@ def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
         if each.true is None or each.X_WO is None:
             rows.append({"object": one["name"], "state": one["state"], "why": one["why"]})
         else:
-            scores = scored(one, out / "library" / one["name"], each.true, each.X_WO)
+            scores = scored(one, out, each.true, each.X_WO)
             rows.append({"state": "finished", "why": one["why"], **scores})
     return rows

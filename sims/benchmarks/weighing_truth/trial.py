@@ -26,7 +26,10 @@ from weighing_truth.objects import Thing, draw, principal
 Array = np.ndarray
 NOISES = (0.05, 0.2)
 """Of the torques, at 200 a second [N·m]."""
-ABLATIONS = ("no gain calibration", "no shape prior", "published excitation")
+ABLATIONS = (
+    *("no gain calibration", "no shape prior", "published excitation"),
+    *("arm calibrated before", "gains told exactly"),
+)
 ALIKE = 0.3
 """Axes are compared where moments differ by this share."""
 
@@ -60,16 +63,21 @@ def run(seed: int, torque_side: str, quick: bool) -> list[dict[str, Any]]:
             for which, one in (("ours", motion), ("plain", plain))
         }
         prior, doubt = ShapePrior(thing.told), ArmDoubt.of_side(torque_side)
+        alone, scale = world.calibration(model, sensors, np.random.default_rng([seed, 1])), 1.0 + sensors.gain
+        logs["exact"] = tuple(replace(log, torque=log.torque / scale) for log in logs["ours"])
         ways = {
             "ours": ("ours", prior, doubt),
+            "arm calibrated before": ("ours", prior, doubt),
+            "gains told exactly": ("exact", prior, replace(doubt, gain=1e-6)),
             "no gain calibration": ("ours", prior, replace(doubt, gain=1e-6)),
             "no shape prior": ("ours", ShapePrior.none(thing.told), doubt),
             "published excitation": ("plain", prior, doubt),
         }
         for name, (which, shape, arm) in ways.items():
-            loaded, empty = logs[which]
+            loaded, *empty = logs[which]
+            runs = [EmptyRun(log) for log in (empty + [alone] if name == "arm calibrated before" else empty)]
             start = time.process_time()
-            found = weigh(model, [LoadedRun(loaded, X_TO)], [EmptyRun(empty)], shape, torque_side, arm)
+            found = weigh(model, [LoadedRun(loaded, X_TO)], runs, shape, torque_side, arm)
             spent = {"cpu": time.process_time() - start, "noise": noise, "way": name}
             gains = {"gain_z": ((found.gain - sensors.gain) / found.gain_std).tolist()}
             rows.append(told | spent | gains | score(found, thing))

@@ -28,6 +28,8 @@ RATE = 200.0
 """Of the torques [1/s]."""
 COUNT = 2.0 * np.pi / 2**19
 """Of an encoder [rad]."""
+WIDE, WIDEST = (0.05, 0.12, 0.2), 0.53
+"""Frequencies of the motion that calibrates [Hz], and its size at each [rad]."""
 SPEED_NOISE = 1e-3
 """Of the drives' speeds [rad/s]."""
 POSE = (0.0005, 0.002)
@@ -92,7 +94,30 @@ def record(
     model: Model, motion: Excitation, sensors: Sensors, random: np.random.Generator, held: tuple | None = None
 ) -> Log:
     """A log of a motion; `held`: X_TO and true parameters of what is in the hand."""
-    time, (q, v, a) = motion.sampled(RATE)
+    return measured(model, *motion.sampled(RATE), sensors, random, held)
+
+
+def calibration(model: Model, sensors: Sensors, random: np.random.Generator) -> Log:
+    """A log of the empty arm, each joint swinging widely and slowly for 20 s: what tells gains by its own weight."""
+    draw, time, n = np.random.default_rng(5), np.arange(0.0, 20.0, 1.0 / RATE), len(model.joints)
+    q, v, a = np.tile(POSTURE, (len(time), 1)), np.zeros((len(time), n)), np.zeros((len(time), n))
+    for frequency in WIDE:
+        w = 2.0 * np.pi * frequency * (1.0 + 0.15 * draw.uniform(-1.0, 1.0, n))
+        size, angle = WIDEST * draw.uniform(0.6, 1.3, n), np.outer(time, w) + draw.uniform(0.0, 2.0 * np.pi, n)
+        q, v, a = q + size * np.sin(angle), v + size * w * np.cos(angle), a - size * w**2 * np.sin(angle)
+    return measured(model, time, (q, v, a), sensors, random)
+
+
+def measured(
+    model: Model,
+    time: Array,
+    motion: tuple[Array, Array, Array],
+    sensors: Sensors,
+    random: np.random.Generator,
+    held: tuple | None = None,
+) -> Log:
+    """What is logged of joint angles, speeds and accelerations (N, n) at some times (N,)."""
+    q, v, a = motion
     torque = model.inverse_dynamics(q, v, a)
     if held is not None:
         torque = torque + Held.in_tool(model, held[0]).regressor(model, q, v, a) @ held[1]

@@ -21,8 +21,9 @@ from twin_diagram.runs.learning.handling import Picked, ShownObject
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.pipeline import Learner
-from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
+from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.setting_down import PutDown
+from twin_diagram.runs.learning.shape_jobs import Done
 from twin_diagram.scenario import Learning, Scenario
 
 PICTURE = shown(turned(0.0), np.eye(4), 0).picture
@@ -139,3 +140,23 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
     run.run()
     assert [one.state for one in run.state.learned] == ["failed", "failed", "handled"]
     assert run.state.failed_at == [] and run.state.given_up == []
+
+
+def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_world_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def finish(record: LearningRecord, one: Learned, model: Any) -> None:
+        one.state = "finished"
+
+    run = learner(Bin([]), tmp_path / "run", monkeypatch)
+    run.state.learned, run.state.world = [Learned("object_01")], {"positions": np.array([1.0, 2.0])}
+    run.record.save(run.state)
+    done = [[], [Done("object_01", None)], []]
+    jobs: Any = SimpleNamespace(poll=lambda: done.pop(0), pending=[], close=lambda: None)
+    run._jobs, run.tools = jobs, SimpleNamespace(**vars(run.tools), model=None)  # type: ignore[assignment]
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.finish", finish)
+    for expected in ("handled", "finished", "finished"):
+        with run._stage("object_02", "display"):
+            pass
+        kept = LearningRecord(tmp_path / "run", Scenario()).resume()
+        assert [one.state for one in kept.learned] == [expected] and kept.world["positions"].tolist() == [1.0, 2.0]

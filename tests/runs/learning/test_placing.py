@@ -1,4 +1,4 @@
-"""Where things are set down, how they stand there, and which grasps hide other sides."""
+"""Where things are set down, and how they stand there."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from twin_diagram.runs.learning.bin_view import (
     wall_points,
     why_not,
 )
-from twin_diagram.runs.learning.regrasping import order_of
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, pose_over, resting, turned
 
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -59,23 +58,6 @@ def grasps(rows: list[tuple[np.ndarray, list[float]]], score: list[float]) -> Gr
     poses = np.array([[*Rotation.from_matrix(R).as_quat()[[3, 0, 1, 2]], *p] for R, p in rows])
     n = len(rows)
     return Grasps(poses, np.full(n, 0.05), np.array(score), {}, np.zeros((n, 2, 3)), {})
-
-
-def test_grasps_that_hide_other_sides_come_first() -> None:
-    held = np.eye(4)
-    held[:3, :3] = DOWN
-    across = turned(DOWN, np.pi / 2)
-    found = grasps(
-        [(DOWN, [0.0, 0.0, 0.005]), (across, [0.0, 0.0, 0.0]), (DOWN, [0.05, 0.0, 0.0]), (UP, [0.0, 0.05, 0.0])],
-        [0.1, 0.3, 0.2, 0.05],
-    )
-    # The first is the old one over again, the last comes from below.
-    assert order_of(found, np.eye(4), [held]) == [1, 2, 0]
-    # Where the object stands elsewhere and turned, its own axes count.
-    X_WS = np.eye(4)
-    X_WS[:3, :3] = turned(np.eye(3), np.pi / 2)
-    X_WS[:3, 3] = [0.0, 0.0, 0.0]
-    assert order_of(found, X_WS, [held])[0] == 0
 
 
 def test_straight_grasps_come_before_better_slanted_ones() -> None:

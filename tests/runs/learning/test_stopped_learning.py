@@ -15,13 +15,19 @@ import numpy as np
 import pytest
 
 import twin_diagram
+from twin_diagram.assets import Asset
+from twin_diagram.runs.learning.drawn_bins import draw_bin
+from twin_diagram.runs.learning.record import LearningRecord
+from twin_diagram.scenario.file import dump_scenario, load_scenario
 
+KILLS = 20
+"""In a row."""
 pytestmark = pytest.mark.slow
 
 
-def begin(out: Path, *more: str) -> subprocess.Popen[str]:
+def begin(out: Path, *more: str, scenario: str = "bin_picking") -> subprocess.Popen[str]:
     environment = {**os.environ, "PYTHONPATH": str(Path(twin_diagram.__file__).parents[1])}
-    command = [sys.executable, "-m", "twin_diagram", "learn", "bin_picking", "--out", str(out), *more]
+    command = [sys.executable, "-m", "twin_diagram", "learn", scenario, "--out", str(out), *more]
     return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=environment)
 
 
@@ -34,7 +40,8 @@ def until(process: subprocess.Popen[str], words: str) -> None:
 
 
 def events(out: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (out / "events.jsonl").read_text().splitlines()]
+    text = (out / "events.jsonl").read_text()
+    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]  # of a kill half a line may be left
 
 
 def test_a_signal_has_what_is_held_set_down_and_the_run_goes_on(tmp_path: Path) -> None:
@@ -62,3 +69,57 @@ def test_a_signal_has_what_is_held_set_down_and_the_run_goes_on(tmp_path: Path) 
     process.send_signal(signal.SIGTERM)
     process.communicate(timeout=30.0)
     assert process.returncode == 143
+
+
+def at_work(folder: Path) -> list[str]:
+    """Processes whose command line names a folder."""
+    told = [file.read_bytes() for file in Path("/proc").glob("[0-9]*/cmdline") if file.exists()]
+    return [line.decode(errors="replace") for line in told if str(folder).encode() in line]
+
+
+def killed(process: subprocess.Popen[str], seconds: float) -> bool:
+    """Kill a run after a time; whether it was still at work."""
+    try:
+        process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        return True
+    assert process.returncode == 0, "it ended by itself, and not well"
+    return False
+
+
+def finished_in(out: Path, scenario: Path) -> dict[str, Any]:
+    """The figures of what a run has finished, each with an asset that can be read."""
+    if not (out / "state.npz").is_file():
+        return {}
+    state = LearningRecord(out, load_scenario(str(scenario)))._read_state()
+    found = {one.name: one.figures for one in state.learned if one.state == "finished"}
+    assert all(Asset.load(out / "library" / name).mass > 0.0 for name in found)
+    return found
+
+
+def test_runs_that_are_killed_at_drawn_times_lose_nothing_that_was_finished(tmp_path: Path) -> None:
+    """Twenty kills in a row: into picks, displays, what is put away, reconstructions and the start; then to the end."""
+    quick = ["grasps=1", "most_grasps=1", "weigh_seconds=0.0", "frames=8", "turn_speed=2.0"]
+    scenario = draw_bin(load_scenario("bin_picking", [f"twin.learning.{one}" for one in quick]), 2, 2)
+    file, rng = tmp_path / "bin.yaml", np.random.default_rng(7)
+    file.write_text(dump_scenario(scenario))
+    kills, most = 0, 0
+    while kills < KILLS:
+        out, finished, at_its_end = tmp_path / f"run_{kills}", dict[str, Any](), False
+        while kills < KILLS and not at_its_end:
+            process = begin(out, *(["--resume"] if (out / "state.npz").is_file() else []), scenario=str(file))
+            at_its_end = not killed(process, rng.uniform(3.0, 60.0))
+            kills += not at_its_end
+            time.sleep(1.0)
+            assert not at_work(out), "what it started ends with it"
+            now = finished_in(out, file)
+            assert {name: now.get(name) for name in finished} == finished, "a finished object was lost, or made anew"
+            finished, most = now, max(most, 0 if at_its_end else len(now))
+        process = begin(out, *(["--resume"] if (out / "state.npz").is_file() else []), scenario=str(file))
+        process.communicate(timeout=600.0)
+        assert process.returncode == 0
+        assert sorted(finished_in(out, file)) == ["object_01", "object_02"]
+        assert not list(out.glob(".*")) and not list((out / "library").glob(".*"))
+    assert most, "no kill came after something was finished"

@@ -35,6 +35,9 @@ class Tuning:
     later_tilts: tuple[float, ...] = (0.5, -0.3)
     """The same in further grasps, which show what the fingers of the first one hid."""
 
+    other_tilts: tuple[float, ...] = (0.87, 0.2, -0.45)
+    """Taken in place of these where they show more of what is missing: those of the first grasp, which are reached."""
+
     nearer: float = 0.12
     """By which it is shown nearer to the arm where the axis leads away from the camera [m]: there the arm reaches."""
 
@@ -154,13 +157,17 @@ def display(
     return good
 
 
+def tool_at(learning: Learning, tilt: float) -> Array:
+    """Return the pose X_WT (4, 4) of the tool in the middle of a turn before the camera, its axis tilted [rad]."""
+    approach = np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
+    place = np.array(learning.display) - [TUNING.nearer if tilt < -0.1 else 0.0, 0.0, 0.0]
+    return pose(pointing(approach, np.array([0.0, 1.0, 0.0])), place)
+
+
 def _posture(mover: Mover, cell: Cell, learning: Learning, tilts: tuple[float, ...]) -> Array | None:
     """Go to where the last joint's turn begins; return the joint angles there, None where no tilt is reached."""
     for tilt in tilts:
-        approach = np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
-        place = np.array(learning.display) - [TUNING.nearer if tilt < -0.1 else 0.0, 0.0, 0.0]
-        X_WT = pose(pointing(approach, np.array([0.0, 1.0, 0.0])), place)
-        goals = mover.goals(X_WT, cell.commanded)
+        goals = mover.goals(tool_at(learning, tilt), cell.commanded)
         if not len(goals):
             continue
         # The turn begins at the end that is nearer; the last joint hardly changes what the arm is near to.

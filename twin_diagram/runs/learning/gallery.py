@@ -159,6 +159,9 @@ def _rows(one: Learned) -> list[tuple[str, str]]:
         rows.append(("centre known to", ", ".join(f"{1e3 * x:.2g}" for x in f["centre_std"]) + " mm"))
     if "size" in f:
         rows.append(("size", " × ".join(f"{1e3 * x:.0f}" for x in f["size"]) + " mm"))
+    if "seen_share" in f:
+        after = ", ".join(f"{100 * share:.1f}" for share in f.get("seen_after_grasps", []))
+        rows.append(("surface seen", f"{100 * f['seen_share']:.1f} % of what some pose shows (by grasps: {after})"))
     if "unseen" in f:
         rows.append(("surface not seen", f"{100 * f['unseen']:.1f} %"))
     if f.get("pictures"):

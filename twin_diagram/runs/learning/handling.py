@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +13,6 @@ import cv2
 import numpy as np
 
 from twin_diagram.estimation.weighing import Excitation
-from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.logs.frames.transforms_folder import write_transforms
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
@@ -26,15 +26,15 @@ from twin_diagram.runs.learning.bin_view import (
     why_not,
 )
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
-from twin_diagram.runs.learning.display import TUNING as DISPLAY
+from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import NothingHeld, display
-from twin_diagram.runs.learning.following import TUNING as FOLLOWING
 from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
+from twin_diagram.runs.learning.seen_map import Boxes, SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.weighing import slipped, swing_empty, swing_held, write_swung
 from twin_diagram.scenario import Learning
@@ -108,6 +108,9 @@ class ShownObject:
     Attributes:
         followed: pictures, poses, cloud.
         X_ST: (4, 4) of the tool in S, of each grasp.
+        openings: of the fingers in each grasp [m].
+        seen: how well its surface was seen; None: it was not shown yet.
+        seen_shares: of its surface, after each grasp.
         R_WT: (3, 3) the tool's axes in which it stands as it lay in the bin, held as it is now.
         swung: how it was swung; None: it was not.
         notes: what went otherwise than it should.
@@ -115,6 +118,9 @@ class ShownObject:
 
     followed: Followed = field(default_factory=Followed)
     X_ST: list[Array] = field(default_factory=list)
+    openings: list[float] = field(default_factory=list)
+    seen: SeenMap | None = None
+    seen_shares: list[float] = field(default_factory=list)
     R_WT: Array = field(default_factory=lambda: np.eye(3))
     swung: Excitation | None = None
     notes: list[str] = field(default_factory=list)
@@ -185,9 +191,17 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, 0)
     followed = follow(Followed(), pictures, np.eye(4))
     R_WS_lying = picked.taken.X_WT[:3, :3]  # S is the tool's frame, and it has not been turned since it was taken
-    result = ShownObject(followed, [followed.X_ST[-1]], R_WS_lying @ followed.X_ST[-1][:3, :3])
+    result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.opening])
+    result.R_WT = R_WS_lying @ followed.X_ST[-1][:3, :3]
     hold_seen(tools, result)
+    look_over(tools, result)
     return result
+
+
+def look_over(tools: Tools, shown: ShownObject) -> None:
+    """Note how well the object's surface was seen by now."""
+    shown.seen = map_of(shown.followed, shown.X_ST, shown.openings, tools.gripper)
+    shown.seen_shares.append(shown.seen.seen_share)
 
 
 def hold_seen(tools: Tools, shown: ShownObject) -> None:
@@ -224,21 +238,29 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     R_WS_lying = X_WS[:3, :3]
     tools.mover.stand(PLATFORM, [cover(shown.followed) @ X_WS[:3, :3].T + X_WS[:3, 3]], float(high[2]))
     go_home(tools)  # out of the camera's sight of the platform
-    found = take_again(tools.mover, tools.cell, tools.learning, tools.gripper, shown.followed, X_WS, shown.X_ST)
+    assert shown.seen is not None
+    p_WC = shown.followed.shown[-1].picture.camera.p_WC
+    order = partial(
+        order_of, held=shown.X_ST, seen=shown.seen, gripper=tools.gripper, learning=tools.learning, p_WC=p_WC
+    )
+    found = take_again(tools.mover, tools.cell, tools.learning, tools.gripper, shown.followed, X_WS, order)
     tools.mover.stand(PLATFORM, [], 0.0)
     if found is None:
         return False
     _, X_ST = found
     shown.X_ST.append(X_ST)
+    shown.openings.append(tools.cell.opening)
     shown.R_WT = R_WS_lying @ X_ST[:3, :3]
     hold_seen(tools, shown)
-    number, tilts = len(shown.X_ST) - 1, DISPLAY.later_tilts
+    hand = Boxes(X_ST, *tools.gripper.boxes(tools.cell.opening))
+    number, tilts = len(shown.X_ST) - 1, tilts_of(shown.seen, hand, tools.learning, p_WC)
     pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts)
     before = shown.followed
     shown.followed = follow(before, pictures, X_ST, TUNING.regrasped)
     shown.X_ST[-1] = shown.followed.X_ST[-1]
     shown.R_WT = R_WS_lying @ shown.X_ST[-1][:3, :3]
     hold_seen(tools, shown)
+    look_over(tools, shown)
     return True
 
 
@@ -342,14 +364,7 @@ def let_go(tools: Tools) -> PutDown | None:
 
 def write_frames(folder: Path, shown: ShownObject) -> None:
     """Write the pictures with poses in S and masks of object and hand, as reconstruction backends read them."""
-    frames, hands = [], []
-    for k, (one, X_SC) in enumerate(zip(shown.followed.shown, shown.followed.camera_poses(), strict=True)):
-        if shown.followed.explained[k] < 0.5 * FOLLOWING.explained:
-            continue
-        camera = one.picture.camera.moved(X_SC[:3, :3], X_SC[:3, 3])
-        frames.append(RgbdFrame(k, one.picture.time, one.picture.rgb, one.picture.depth, one.mask, camera, camera))
-        hands.append(one.hand)
-    write_transforms(folder, frames, hands)
+    write_transforms(folder, *posed_frames(shown.followed))
 
 
 def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:

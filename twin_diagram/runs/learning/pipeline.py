@@ -19,6 +19,7 @@ from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
 from twin_diagram.runs.learning.finishing import write_learned
@@ -180,7 +181,7 @@ class Learner:
         try:
             with self._stage(name, "display") as told:
                 shown = handling.show_first(self.tools, picked)
-                told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
+                told.update(seen_so_far(shown))
             self._show_again(name, shown)
             handling.write_frames(folder / FRAMES, shown)
             self._jobs.add(name, folder)
@@ -217,6 +218,8 @@ class Learner:
             self._note_failure(one, picked.thing.middle)
         self._handled += 1
         one.grasps = len(shown.X_ST)
+        if shown.seen_shares:
+            one.figures |= plain({"seen_share": shown.seen_shares[-1], "seen_after_grasps": shown.seen_shares})
         slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
         one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})
         self.state.learned.append(one)
@@ -227,12 +230,12 @@ class Learner:
         Raises:
             NothingHeld: it is no longer in the hand.
         """
-        for _ in range(1, self.tools.learning.grasps):
+        while asks_for_more(len(shown.X_ST), shown.seen_shares, self.tools.learning):
             self._in_bin = False
             try:
                 with self._stage(name, "display again") as told:
                     told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
-                    told.update(pictures=len(shown.followed.shown), slips=len(shown.followed.slips))
+                    told.update(seen_so_far(shown))
             except NoWay as why:
                 if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
                     raise NothingHeld(f"it was set down, and then: {why}") from why
@@ -302,8 +305,8 @@ class Learner:
         self.record.event(object=name, stage="report", why=why, picture=file)
         self._say(f"{name}: {why}; left in the bin")
 
-    def _collect(self) -> None:
-        """Write the assets of shapes that are made."""
+    def _collect(self) -> bool:
+        """Write the assets of shapes that are made; whether there were any."""
         self._made += self._jobs.poll()
         known = {one.name for one in self.state.learned}
         ready, self._made = [d for d in self._made if d.name in known], [d for d in self._made if d.name not in known]
@@ -319,6 +322,7 @@ class Learner:
                 object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {})
             )
             self._say(f"{one.name}: {one.state}, {self.record.library / one.name}")
+        return bool(ready)
 
     def _wait(self) -> None:
         """Wait for reconstructions under way."""
@@ -349,13 +353,21 @@ class Learner:
         finally:
             took = {"sim": round(cell.time - sim, 3), "took": round(time.monotonic() - wall, 2)}
             self.record.event(object=name, stage=stage, at=round(cell.time, 3), **took, **plain(told))
-            self._collect()
+            if self._collect():
+                # A kill from here on has no asset made anew; the world is still that before the object in hand.
+                self.record.save(self.state)
 
     def remaining(self) -> float:
         """Return how long the bin's objects will take, by those so far [s of wall clock]."""
         done = self._handled
         each = (time.monotonic() - self._begun) / done if done else TUNING.usual
         return each * self._left
+
+
+def seen_so_far(shown: ShownObject) -> dict[str, float]:
+    """Return figures of what was shown of an object, for the events."""
+    so_far = {"pictures": len(shown.followed.shown), "slips": len(shown.followed.slips)}
+    return so_far | ({"seen_share": shown.seen_shares[-1]} if shown.seen_shares else {})
 
 
 def finish(record: LearningRecord, one: Learned, model: Model) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +24,6 @@ class Tuning:
 
     candidates: int = 40
     """Grasps that are looked at."""
-
-    across: float = 0.6
-    """Closing axes whose cosine is below this hide other sides of the surface."""
-
-    elsewhere: float = 0.035
-    """Grasps of the same direction do so where their middles are so far apart [m]: more than a pad."""
 
     moved: tuple[float, float] = (0.01, 0.15)
     """By how much what is let go may move [m], [rad]."""
@@ -69,15 +63,12 @@ def stands_at(cell: Cell, learning: Learning, seen: Followed, X_WS: Array) -> Ar
     return np.asarray(np.linalg.inv(X_SW), dtype=float) if share > 0.5 else X_WS
 
 
-def other_grasps(
-    seen: Followed, X_WS: Array, held: Sequence[Array], gripper: Gripper, floor: float, seed: int
-) -> Grasps:
-    """Return grasps in W of an object whose cloud is known; see `order_of` for which of them are wanted.
+def other_grasps(seen: Followed, X_WS: Array, gripper: Gripper, floor: float, seed: int) -> Grasps:
+    """Return grasps in W of an object whose cloud is known; see `grasp_selection` for which of them are wanted.
 
     Args:
         seen: the object's cloud in S.
         X_WS: (4, 4) where it stands.
-        held: unused but told for the search's seed: (4, 4) tool poses X_ST of earlier grasps.
         gripper: that takes it.
         floor: height of what it stands on [m].
         seed: of the search.
@@ -87,37 +78,18 @@ def other_grasps(
     points = seen.points[order] @ X_WS[:3, :3].T + X_WS[:3, 3]
     normals = seen.normals[order] @ X_WS[:3, :3].T
     table = np.array([0.0, 0.0, 1.0, floor + TUNING.floor])
-    wanted, middle = Wanted(TUNING.candidates, seed + len(held)), 0.5 * (points.min(axis=0) + points.max(axis=0))
+    wanted, middle = Wanted(TUNING.candidates, seed + 1), 0.5 * (points.min(axis=0) + points.max(axis=0))
     return propose(points, normals, gripper, wanted=wanted, table=table, mass=BIN_VIEW.usual_mass, centre=middle)
 
 
-def order_of(grasps: Grasps, X_WS: Array, held: Sequence[Array], steepest: float = 0.5) -> list[int]:
-    """Return the numbers of grasps from above, those first that hide what earlier grasps did not.
-
-    Args:
-        grasps: in W.
-        X_WS: (4, 4) where the object stands.
-        held: (4, 4) tool poses X_ST of earlier grasps.
-        steepest: least share of the approach that goes downwards.
-    """
-    R_SW = X_WS[:3, :3].T
-    other: list[int] = []
-    alike: list[int] = []
-    for k in range(len(grasps)):
-        if -grasps.approach[k, 2] < steepest:
-            continue
-        closing = R_SW @ grasps.R[k][:, 1]
-        middle = R_SW @ (grasps.poses[k, 4:] - X_WS[:3, 3])
-        hides = [
-            abs(float(closing @ X[:3, 1])) > TUNING.across and np.linalg.norm(middle - X[:3, 3]) < TUNING.elsewhere
-            for X in held
-        ]
-        (alike if any(hides) else other).append(k)
-    return other + alike
-
-
 def take_again(
-    mover: Mover, cell: Cell, learning: Learning, gripper: Gripper, seen: Followed, X_WS: Array, held: Sequence[Array]
+    mover: Mover,
+    cell: Cell,
+    learning: Learning,
+    gripper: Gripper,
+    seen: Followed,
+    X_WS: Array,
+    order: Callable[[Grasps, Array], list[int]],
 ) -> tuple[Taken, Array] | None:
     """Take what stands on the platform, in another grasp where there is one.
 
@@ -128,7 +100,7 @@ def take_again(
         gripper: that takes it.
         seen: the object's cloud in S.
         X_WS: (4, 4) by where the fingers let go.
-        held: (4, 4) tool poses X_ST of earlier grasps.
+        order: numbers of grasps in W of what stands at X_WS (4, 4), those first that are wanted most.
 
     Returns:
         What is held, and X_ST (4, 4) of the tool as it took it; None: every try failed.
@@ -136,8 +108,8 @@ def take_again(
     floor = float(learning.platform[1][2])
     for attempt in range(learning.tries):
         X_WS = stands_at(cell, learning, seen, X_WS)
-        grasps = other_grasps(seen, X_WS, held, gripper, floor, attempt)
-        reach = reach_of(mover, cell, grasps, order_of(grasps, X_WS, held))
+        grasps = other_grasps(seen, X_WS, gripper, floor, attempt)
+        reach = reach_of(mover, cell, grasps, order(grasps, X_WS))
         if reach is None:
             return None
         taken = take(mover, cell, reach)

@@ -111,4 +111,4 @@ def _as_lying(thing: SeenThing, support: float, taken: Taken) -> ShownObject:
     below[:, 2] = support  # what no picture shows of it goes down to there
     points = (np.vstack([thing.points, below]) - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3]
     followed = Followed(points=points, normals=np.zeros_like(points))
-    return ShownObject(followed, [np.eye(4)], taken.X_WT[:3, :3])
+    return ShownObject(followed, [np.eye(4)], [taken.opening], R_WT=taken.X_WT[:3, :3])

@@ -1,0 +1,1 @@
+"""What a display truly shows of a mesh, by casting rays."""
