@@ -60,11 +60,12 @@ def test_nothing_slips_because_depth_is_late_and_the_camera_is_off() -> None:
 
 
 def test_the_errors_of_the_camera_are_told_from_a_slip() -> None:
-    with_, without = [], []
+    with_: list[float] = []
+    without: list[float] = []
     for seed in range(6):
         carry = replace(QUIET, seed=seed, camera=SHEET)
         for told_of_camera, into in ((True, with_), (False, without)):
-            into.append(np.linalg.norm(carry.watched(told_of_camera)[0].change[0][3:]))
+            into.append(float(np.linalg.norm(carry.watched(told_of_camera)[0].change[0][3:])))
     assert np.mean(with_) < 0.5 * np.mean(without), (np.mean(with_), np.mean(without))
 
 

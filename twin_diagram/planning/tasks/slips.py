@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.planning.tasks.in_hand import InHand
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -40,19 +41,20 @@ def slipped(known: InHand) -> tuple[InHand, tuple[float, float] | None]:
     moved, covariance = known.change
     since = moved - known.told
     turned, shifted = (float(np.linalg.norm(part)) for part in (since[:3], since[3:]))
-    significant = any(
-        size > least and size**2 > TUNING.sigmas * np.sqrt(max(0.0, part @ block @ part))
-        for size, least, part, block in (
-            (turned, TUNING.slip[0], since[:3], covariance[:3, :3]),
-            (shifted, TUNING.slip[1], since[3:], covariance[3:, 3:]),
-        )
-    )
+    significant = _significant(since[:3], covariance[:3, :3], TUNING.slip[0])
+    significant = significant or _significant(since[3:], covariance[3:, 3:], TUNING.slip[1])
     known = replace(known, away=known.away + 1 if significant else 0)
     step = moved - known.before
     rests = np.linalg.norm(step[:3]) < TUNING.creeping[0] and np.linalg.norm(step[3:]) < TUNING.creeping[1]
     if known.away < TUNING.images or not (rests or known.away >= TUNING.longest_slip):
         return known, None
     return replace(known, told=moved.copy(), away=0, slips=known.slips + 1), (turned, shifted)
+
+
+def _significant(change: Array, covariance: Array, least: float) -> bool:
+    """Tell whether a change (3) of a covariance (3, 3) is more than `least`, and no doubt accounts for it."""
+    size = float(np.linalg.norm(change))
+    return size > least and size**2 > TUNING.sigmas * float(np.sqrt(max(0.0, float(change @ covariance @ change))))
 
 
 def told_of(known: InHand) -> dict[str, float | int]:
