@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from twin_diagram.planning.tasks.step_state import Note, TaskOutcome, TaskState, Why
+from twin_diagram.planning.tasks.step_state import NOTE_FIELDS, Note, Phase, TaskOutcome, TaskState, Why
 from twin_diagram.runs.task_score import TaskScore
 from twin_diagram.scenario import Scenario, load_scenario
 from twin_diagram.signals.layouts import PoseMeasurement
@@ -69,11 +70,41 @@ def test_a_can_heavier_than_told_is_carried_across() -> None:
 
 
 @pytest.mark.slow
+def test_what_slips_in_the_hand_is_seen_to_and_put_where_it_belongs() -> None:
+    """Let go for an instant on its way, the can slides down between the fingers and tilts; images tell by how much."""
+    plan: Scenario = load_scenario("pick_and_place", ["world.objects.can.mass=0.8"])
+    plan.world.objects = {"can": plan.world.objects["can"]}
+    plan.twin.library = {"can": plan.twin.library["can"]}
+    loop = make_closed_loop(plan)
+    simulator, score = Simulator(loop.diagram), TaskScore(loop)
+    context = simulator.get_mutable_context()
+    runner: Any = loop.twin.runner
+    own = loop.twin.diagram.GetMutableSubsystemContext(runner, loop.twin.diagram.GetMyMutableContextFromRoot(context))
+    state, weak = state_of(loop, context), 0.0
+    while state.outcome is TaskOutcome.RUNNING and context.get_time() < 14.0:
+        simulator.AdvanceTo(context.get_time() + 0.01)
+        score.poll(context)
+        state = state_of(loop, context)
+        if state.phase is Phase.CARRY and 0.6 <= context.get_time() - state.since and weak < 0.07:
+            weak = context.get_time() - state.since - 0.6
+            force = 1.0 if weak < 0.055 else 60.0
+            own.get_mutable_discrete_state(0).set_value(replace(state, force=force).pack())
+    assert state.outcome is TaskOutcome.DONE, (state.phase, state.why)
+    slips = [entry for entry in runner.told(own) if entry["what"] == "slipped"]
+    assert 1 <= len(slips) <= 2 and slips[0]["by_mm"] > 8.0, slips
+    told = runner.standing(own)["in_hand"]
+    assert told["slips"] == len(slips) and told["moved_mm"] > 8.0 and 0.0 < told["moved_mm_std"] < 2.0
+    placed = score.told(context)
+    assert placed["placed"]["can"]["off_mm"] < 10.0 and placed["placed"]["can"]["off_deg"] < 5.0
+    assert placed["collisions"] == {"point": 0, "surface": 0}, placed["touched"]
+
+
+@pytest.mark.slow
 def test_a_can_that_the_fingers_cannot_carry_is_missed_and_said_to_be() -> None:
     """Squeezed with a fifth of what its weight asks for it stays behind; after its tries the step has failed."""
     light = "twin.task.steps.0.force=1.0"
     state, _ = run(loop_of(light, "world.objects.can.mass=1.2", "twin.task.steps.0.tries=1", seen_until=99.0), most=9.0)
-    notes = [Note(int(row[2])) for row in state.notes.reshape(-1, 4) if row[0] >= 0]
+    notes = [Note(int(row[2])) for row in state.notes.reshape(-1, NOTE_FIELDS) if row[0] >= 0]
     assert state.outcome is TaskOutcome.FAILED and Note.FAILED in notes
     assert state.why in (Why.DROPPED, Why.SEEN_ELSEWHERE, Why.MISSED)
     assert not state.goal.any()

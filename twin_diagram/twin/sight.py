@@ -85,7 +85,7 @@ def add_sight(
     if own is None and calibration_error(camera).variances.any():
         calibrator = add_calibrator(builder, twin.arm, camera, twin.perception, packages)
         connect_ports(builder, ekf, calibrator, "arm_state")
-        for user in (first, updater):
+        for user in (first, updater, *([] if runner is None else [runner])):
             connect_ports(builder, calibrator, user, "calibration")
     _tell_of_sight(builder, last, updater, health, moves, runner, monitor)
     return last if isinstance(last, IcpPoseEstimator) else None

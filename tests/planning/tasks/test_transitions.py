@@ -11,6 +11,7 @@ from tests.planning.tasks.small_world import BOX, COVARIANCE, DOWN, TICK, SmallW
 from twin_diagram.planning.tasks.step_ends import TUNING
 from twin_diagram.planning.tasks.step_state import NOTE_FIELDS, Note, Phase, TaskOutcome, TaskState, Why
 from twin_diagram.planning.tasks.step_view import Takeable
+from twin_diagram.signals import rotations
 from twin_diagram.signals.hand import NOTHING
 from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.signals.pose_vectors import compose, errors
@@ -22,7 +23,7 @@ PICK_AND_PLACE = (step("pick"), step("place", PLACE))
 
 def notes(state: TaskState) -> list[tuple[int, Note, Why]]:
     rows = state.notes.reshape(-1, NOTE_FIELDS)
-    return [(int(n), Note(int(note)), Why(int(why))) for time, n, note, why in rows if time >= 0]
+    return [(int(n), Note(int(note)), Why(int(why))) for time, n, note, why, *_ in rows if time >= 0]
 
 
 # Reach and hold.
@@ -141,7 +142,8 @@ def test_pick_and_place_goes_through_its_phases_and_puts_it_where_it_belongs() -
         "LOOK", "APPROACH", "DESCEND", "CLOSE", "LIFT", "CARRY", "LOWER", "OPEN", "RETREAT", "REST",
     ]  # fmt: skip
     off, angle = errors(world.X_WO, PLACE)
-    assert off < TUNING.drop + 1e-3 and angle < 1e-6
+    assert off == pytest.approx(TUNING.drop + TUNING.drop_doubt, abs=1e-9) and angle < 1e-6, "its height is not sure"
+    np.testing.assert_allclose(world.X_WO[4:6], PLACE[4:6], atol=1e-9)
     assert [note for n, note, _ in notes(state)] == [
         Note.STARTED, Note.GRASPED, Note.DONE, Note.STARTED, Note.RELEASED, Note.DONE,
     ]  # fmt: skip
@@ -274,16 +276,40 @@ def test_an_object_that_is_seen_elsewhere_is_not_in_the_hand() -> None:
     assert state.hand.held == NOTHING
 
 
-def test_a_slip_in_the_hand_is_told_once_and_no_loss() -> None:
-    for off, told in ((0.9 * TUNING.slip, 0), (1.3 * TUNING.slip, 1)):
-        world = SmallWorld(PICK_AND_PLACE)
-        world.until(Phase.CARRY)
-        world.frozen = True
-        world.seen_at = world.X_WO + np.array([0, 0, 0, 0, 0, 0, -off])
-        for _ in range(3 * TUNING.images):
-            state = world.tick()
-        assert state.outcome is TaskOutcome.RUNNING
-        assert [note for _, note, _ in notes(state)].count(Note.SLIPPED) == told
+@pytest.mark.parametrize(("off", "turn", "told"), [(0.003, 0.0, 0), (0.012, 0.0, 1), (0.004, 0.3, 1)])
+def test_what_slips_in_the_hand_is_told_once_and_put_where_it_belongs(off: float, turn: float, told: int) -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.CARRY)
+    world.frozen = True
+    for _ in range(10):
+        world.tick()
+    closing = rotations.matrix(world.X_WT[:4])[:, 1]
+    swing = np.array([*rotations.multiply(rotations.exp(turn * closing), world.X_WO[:4]), *world.X_WO[4:]])
+    world.X_WO = swing + np.array([0, 0, 0, 0, 0, 0, -off])
+    for _ in range(20):
+        state = world.tick()
+    assert errors(compose(world.X_WT, state.hand.X_TO), world.X_WO)[0] < TUNING.told_step + 1e-4, "planners are told"
+    world.frozen = False
+    state = world.run()
+    assert state.outcome is TaskOutcome.DONE
+    missed, angle = errors(world.X_WO, PLACE)
+    assert missed < TUNING.drop + TUNING.drop_doubt + 1e-3 and angle < 0.02
+    np.testing.assert_allclose(world.X_WO[4:6], PLACE[4:6], atol=0.002)
+    assert [note for _, note, _ in notes(state)].count(Note.SLIPPED) == told
+    if told:
+        row = next(row for row in state.notes.reshape(-1, NOTE_FIELDS) if int(row[2]) == Note.SLIPPED)
+        assert row[4] == pytest.approx(turn, abs=0.02) and row[5] == pytest.approx(off, abs=0.002)
+
+
+def test_what_is_seen_where_the_fingers_are_not_is_no_slip() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.CARRY)
+    world.frozen = True
+    before = world.tick().hand.X_TO
+    world.seen_at = world.X_WO + np.array([0, 0, 0, 0, 0.02 + 1.5 * TUNING.grip, 0, 0])
+    for _ in range(20):
+        state = world.tick()
+    np.testing.assert_array_equal(state.hand.X_TO, before)
 
 
 def test_an_image_of_a_hand_that_moves_is_of_where_it_was() -> None:
@@ -388,11 +414,11 @@ def test_a_round_object_is_put_down_without_turning_the_hand() -> None:
 def test_the_state_is_a_vector_and_back() -> None:
     world = SmallWorld(PICK_AND_PLACE)
     world.until(Phase.CARRY)
-    world.state = replace(world.state, why=Why.MISSED, attempt=1, elsewhere=2, slipped=-1, image=3.0, steady=4.0)
+    world.state = replace(world.state, why=Why.MISSED, attempt=1, elsewhere=2, image=3.0, steady=4.0)
     again = TaskState.unpack(world.state.pack())
     for name, value in vars(world.state).items():
         other = getattr(again, name)
-        if name == "hand":
+        if name in ("hand", "lies"):
             np.testing.assert_array_equal(other.pack(), value.pack())
         else:
             np.testing.assert_array_equal(other, value)

@@ -13,6 +13,8 @@ from twin_diagram.planning.tasks.grasp_from_above import centred
 from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed, steady
 from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState, Why
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
+from twin_diagram.planning.tasks.tool_past import no_past
+from twin_diagram.planning.tasks.watching_hand import closing_on
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
@@ -155,9 +157,11 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     known = library[step.target]
     held = between_fingers(known.shape, X_TO)
     pieces = known.pieces if held is None else (held,)
-    X_TO, covariance = centred(X_TO, R_TW @ track.covariance @ R_TW.T, pieces, TUNING.finger_error)
+    doubt = R_TW @ track.covariance @ R_TW.T
+    X_TO, covariance = centred(X_TO, doubt, pieces, TUNING.finger_error)
     hand = Hand(step.target, NOTHING, True, X_TO, covariance)
-    state = replace(state, hand=hand, elsewhere=0, slipped=0, image=track.last_seen).noting(Note.GRASPED, seen.now)
+    state = replace(state, hand=hand, elsewhere=0, image=track.last_seen, past=no_past()).noting(Note.GRASPED, seen.now)
+    state = replace(state, lies=closing_on(X_TO, doubt, seen))
     return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, TUNING.raised])))
 
 

@@ -62,7 +62,13 @@ class Tuning:
     """Risen by this much after release the fingers are off the object [m]: they reach down 0.03 m."""
 
     drop: float = 0.002
-    """What is put down is let go this far above its place [m]: it is not pressed into the table."""
+    """What is put down is let go this far above its place [m]: it is not pressed into the table …"""
+
+    drop_sigmas: float = 2.0
+    """… and by so many standard deviations of its height in the hand …"""
+
+    drop_doubt: float = 0.003
+    """… but for no more than this [m]."""
 
     patience: float = 3.5
     """A goal that no joint positions reach is given up after this [s]: joint goals are drawn anew every 2 s."""
@@ -86,12 +92,22 @@ class Tuning:
     elsewhere: float = 0.06
     """What is seen so far from where the hand should hold it is not in the hand [m] …"""
 
-    slip: float = 0.02
-    """What is seen so far from where it should be in the hand has slipped there [m]; at rest images are off by some
-    5 mm."""
-
     images: int = 4
     """… when so many images running say so."""
+
+    grip: float = 0.015
+    """The point between the fingertips is inside what they hold, or so near it [m]: pads are 20 mm wide."""
+
+    fits: float = 0.55
+    """An image that fits less of what it should show says nothing of where a thing lies in the hand [1]: before a D435
+    a can that was taken for the hand itself fitted by 0.25 to 0.45, what was found right by 0.59 and more."""
+
+    told_step: float = 0.003
+    """On the way planner, monitor and goal are told anew where a thing lies in the hand when that is off by more than
+    this [m]: each time shapes are made and a way is sought anew …"""
+
+    told_turn: float = 0.035
+    """… or this [rad]."""
 
     follow_step: float = 0.002
     """A followed goal moves when it is off by more than this [m]: each move costs a search for joint goals …"""

@@ -10,6 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from twin_diagram import scenario
+from twin_diagram.planning.tasks.in_hand import IN_HAND_SIZE, InHand
+from twin_diagram.planning.tasks.tool_past import PAST_SIZE, no_past
 from twin_diagram.scenario import poses
 from twin_diagram.scenario.task_steps import KINDS
 from twin_diagram.signals.arrays import Array
@@ -98,15 +100,16 @@ class Note(IntEnum):
     DONE = 7
     FAILED = 8
     SLIPPED = 9
-    """What is held is not where it was in the hand; told once."""
+    """What is held has moved in the hand; told once a slip, with by how much."""
     OTHER_GRASP = 10
     """No way led to a grasp, and the next is gone for."""
 
 
 RING: Final = 32
 """So many of the newest notes are kept."""
-NOTE_FIELDS: Final = 4
-"""Of a note: time [s] (`NEVER` where empty), number of the step, `Note`, `Why`."""
+NOTE_FIELDS: Final = 6
+"""Of a note: time [s] (`NEVER` where empty), number of the step, `Note`, `Why`, and by how much what is held
+slipped [rad], [m]."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +164,7 @@ def steps_of(task: scenario.Task, names: Sequence[str]) -> tuple[Step, ...]:
     return tuple(result)
 
 
-NUMBERS: Final = 14
+NUMBERS: Final = 13
 """Of a packed `TaskState`, before its poses."""
 
 
@@ -178,13 +181,14 @@ class TaskState:
         attempt: how often a pick was tried before.
         others: how many grasps of this try were left for the next, because no way led to them.
         elsewhere: images running that showed what is held elsewhere.
-        slipped: images running that showed it elsewhere in the hand; negative once that was told.
         image: time of the newest image that was counted [s].
         opened: share of the fingers' travel that they are to be opened by; negative: as described.
         force: greatest force of the fingers [N]; NaN: as described.
         goal: (7) X_WG of the tool, zeros: stay.
         grasp: (7) X_WG of a pick, or the last pose of a place.
         hand: what is held or may be touched.
+        lies: where what is held lies in the hand, or what was held last.
+        past: (PAST_SIZE) where the tool was of late, while something is held; see `tool_past`.
         notes: (RING · NOTE_FIELDS) newest last.
     """
 
@@ -197,7 +201,6 @@ class TaskState:
     steady: float = NEVER
     attempt: int = 0
     elsewhere: int = 0
-    slipped: int = 0
     image: float = NEVER
     opened: float = -1.0
     force: float = float("nan")
@@ -205,47 +208,51 @@ class TaskState:
     goal: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
     grasp: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
     hand: Hand = field(default_factory=Hand)
-    notes: Array = field(default_factory=lambda: np.tile([NEVER, 0.0, 0.0, 0.0], RING))
+    lies: InHand = field(default_factory=InHand)
+    past: Array = field(default_factory=no_past)
+    notes: Array = field(default_factory=lambda: np.tile([NEVER, *[0.0] * (NOTE_FIELDS - 1)], RING))
 
     def entering(self, phase: Phase, now: float, goal: Array | None = None) -> TaskState:
         """Return the state at the begin of a phase; `goal` (7), None: stay."""
         at = np.zeros(POSE_SIZE) if goal is None else goal
         return replace(self, phase=phase, since=now, steady=NEVER, goal=at)
 
-    def noting(self, note: Note, now: float, why: Why = Why.NONE) -> TaskState:
-        """Return the state with something told of the present step."""
-        rows = np.concatenate([self.notes, [now, float(self.step), float(note), float(why)]])
+    def noting(self, note: Note, now: float, why: Why = Why.NONE, by: tuple[float, float] = (0.0, 0.0)) -> TaskState:
+        """Return the state with something told of the present step; `by` how much [rad], [m]."""
+        rows = np.concatenate([self.notes, [now, float(self.step), float(note), float(why), *by]])
         return replace(self, notes=rows[-RING * NOTE_FIELDS :])
 
     def pack(self) -> Array:
         """Return it as a vector of `STATE_SIZE`."""
         numbers = [
             self.step, self.phase, self.outcome, self.why, self.begun, self.since, self.steady, self.attempt,
-            self.elsewhere, self.slipped, self.image, self.opened, self.force, self.others,
+            self.elsewhere, self.image, self.opened, self.force, self.others,
         ]  # fmt: skip
-        return np.concatenate([np.array(numbers, dtype=float), self.goal, self.grasp, self.hand.pack(), self.notes])
+        first = [np.array(numbers, dtype=float), self.goal, self.grasp, self.hand.pack()]
+        return np.concatenate([*first, self.lies.pack(), self.past, self.notes])
 
     @staticmethod
     def unpack(vector: Array) -> TaskState:
         """Return the inverse of `pack`; copies."""
-        ends = np.cumsum([NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE])
-        numbers, goal, grasp, hand, notes = np.split(np.array(vector), ends)
+        ends = np.cumsum([NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE, IN_HAND_SIZE, PAST_SIZE])
+        numbers, goal, grasp, hand, lies, past, notes = np.split(np.array(vector), ends)
         step, phase, outcome, why, begun, since, steady, attempt, elsewhere, *rest = numbers.tolist()
-        slipped, image, opened, force, others = rest
+        image, opened, force, others = rest
         return TaskState(
             int(step), Phase(int(phase)), TaskOutcome(int(outcome)), Why(int(why)), begun, since, steady, int(attempt),
-            int(elsewhere), int(slipped), image, opened, force, int(others), goal, grasp, Hand.unpack(hand), notes,
+            int(elsewhere), image, opened, force, int(others), goal, grasp, Hand.unpack(hand), InHand.unpack(lies),
+            past, notes,
         )  # fmt: skip
 
 
-STATE_SIZE: Final = NUMBERS + 2 * POSE_SIZE + HAND_SIZE + RING * NOTE_FIELDS
+STATE_SIZE: Final = NUMBERS + 2 * POSE_SIZE + HAND_SIZE + IN_HAND_SIZE + PAST_SIZE + RING * NOTE_FIELDS
 """Numbers of a packed `TaskState`."""
 
 
 def told(notes: Array, steps: Sequence[scenario.TaskStep]) -> list[dict[str, Any]]:
-    """Return what is told of steps, oldest first: time [s], event, step, kind, object, what, and why."""
+    """Return what is told of steps, oldest first: time [s], event, step, kind, object, what, by how much, and why."""
     result = []
-    for time, number, note, why in notes.reshape(-1, NOTE_FIELDS).tolist():
+    for time, number, note, why, turned, moved in notes.reshape(-1, NOTE_FIELDS).tolist():
         if time < 0.0:
             continue
         step = steps[int(number)]
@@ -253,6 +260,8 @@ def told(notes: Array, steps: Sequence[scenario.TaskStep]) -> list[dict[str, Any
         if step.object:
             entry["object"] = step.object
         entry["what"] = Note(int(note)).name.lower()
+        if Note(int(note)) is Note.SLIPPED:
+            entry |= {"by_mm": round(1e3 * moved, 1), "by_deg": round(float(np.degrees(turned)), 1)}
         if int(why):
             entry["why"] = SENTENCES[Why(int(why))]
         result.append(entry)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
+from twin_diagram.planning.tasks.in_hand import Eye
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import PoseMeasurement, Track
 
@@ -46,6 +47,7 @@ class StepView:
         finger_speed: of the fastest finger [m/s].
         widest: the fingers' greatest opening [m].
         reach: number of joint positions that reach the goal; `NEVER` where the planner has none.
+        eye: the camera, as far as calibration goes; None where nothing is told of its errors.
     """
 
     now: float
@@ -57,3 +59,4 @@ class StepView:
     finger_speed: float
     widest: float
     reach: float
+    eye: Eye | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Final, cast
 
@@ -21,11 +21,16 @@ from twin_diagram.planning.grasps.kept_grasps import grasps_of
 from twin_diagram.planning.grasps.known_object import read_known
 from twin_diagram.planning.tasks import step_state
 from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
+from twin_diagram.planning.tasks.in_hand import Eye
+from twin_diagram.planning.tasks.slips import told_of
 from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, TaskState
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
 from twin_diagram.planning.tasks.transitions import advance
 from twin_diagram.runtime.timing import timed
+from twin_diagram.scenario.lenses import calibration_error, colour_lens
+from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.calibration_error import CALIBRATION_SIZE, SIZE
 from twin_diagram.signals.hand import HAND_SIZE
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE, PoseMeasurement, Track
 from twin_diagram.signals.pose_vectors import from_matrix
@@ -93,6 +98,16 @@ def shape_grasps(asset: Asset, tool_frame: str) -> ShapeGrasps:
     return ShapeGrasps(grasps.poses, grasps.score, grasps.contacts, corners)
 
 
+def told_eye(camera: scenario.Camera) -> Eye | None:
+    """Return a camera as the twin is told of it; None where it is told to be where it is said to be."""
+    variances = calibration_error(camera).variances
+    if not variances.any():
+        return None
+    lens, X_WC = colour_lens(camera), pose(camera.X_WC)
+    where = X_WC.translation().copy(), X_WC.rotation().matrix().copy()
+    return Eye(*where, (lens.fx, lens.fy), np.zeros(SIZE), np.diag(variances))
+
+
 class TaskRunner(LeafSystem):
     """Runs the steps of a task, one after the other.
 
@@ -106,6 +121,7 @@ class TaskRunner(LeafSystem):
         - object_poses (optional)
         - gripper_state (optional)
         - reach (optional)
+        - calibration (optional)
         output_ports:
         - goal
         - gripper_position_commanded
@@ -122,6 +138,8 @@ class TaskRunner(LeafSystem):
         object_poses: (K · MEASUREMENT_SIZE) what the newest image showed: whether what is held is seen elsewhere.
         gripper_state: (2g) positions of the fingers [m], then speeds [m/s]. Not connected: they stand as described.
         reach: (1) how many joint positions reach the goal; `NEVER` where the planner has none.
+        calibration: (10 + 100) errors of the camera's calibration that are taken out of what it shows, and their
+            covariance; see `signals.calibration_error`. Not connected: none are, and what is told of them counts.
         goal: (7) X_WG of the tool frame; an all-zero quaternion: stay.
         gripper_position_commanded: (g) [m].
         gripper_force_limit: (1) [N]; not a number before the first `pick`: as the description has it.
@@ -173,6 +191,9 @@ class TaskRunner(LeafSystem):
         self._measured_in = self.DeclareVectorInputPort("object_poses", MEASUREMENT_SIZE * objects)
         self._gripper_in = self.DeclareVectorInputPort("gripper_state", 2 * g)
         self._reach_in = self.DeclareVectorInputPort("reach", 1)
+        self._calibration_in = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
+        cameras = list(twin.perceiving.values())
+        self._eye: Final = told_eye(cameras[0]) if len(cameras) == 1 else None
         self._state = self.DeclareDiscreteState(cast(Any, TaskState().pack()))
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / (TUNING.ticks * twin.planner.rate), 0.0, self._tick)
         outputs: dict[str, tuple[int, Callable[[TaskState], Any]]] = {
@@ -203,13 +224,19 @@ class TaskRunner(LeafSystem):
         return step_state.told(self.remembered(context).notes, self.told_steps)
 
     def standing(self, context: Context) -> dict[str, Any]:
-        """Return how the task stands, for ``summary.json``: outcome, number of steps done, and where it failed, why."""
+        """Return how the task stands, for ``summary.json``.
+
+        Outcome, number of steps done, where it failed, why, and how far what is held, or was held last, has moved in
+        the hand.
+        """
         state = self.remembered(context)
         result: dict[str, Any] = {"outcome": state.outcome.name.lower(), "steps": len(self._steps), "done": state.step}
         if state.outcome is TaskOutcome.FAILED:
             result["why"] = step_state.SENTENCES[state.why]
         elif state.outcome is TaskOutcome.RUNNING:
             result["phase"] = state.phase.name.lower()
+        if state.lies.image >= 0.0:
+            result["in_hand"] = told_of(state.lies)
         return result
 
     @timed("TaskRunner")
@@ -252,4 +279,12 @@ class TaskRunner(LeafSystem):
             finger_speed=float(np.abs(fingers[g:]).max(initial=0.0)),
             widest=self._fingers.widest,
             reach=reach,
+            eye=self._eye_now(context),
         )
+
+    def _eye_now(self, context: Context) -> Eye | None:
+        """Return the camera with what is known of its calibration by now; None where nothing is told of its errors."""
+        if self._eye is None or not self._calibration_in.HasValue(context):
+            return self._eye
+        known = np.array(self._calibration_in.Eval(context))
+        return replace(self._eye, errors=known[:SIZE], covariance=known[SIZE:].reshape(SIZE, SIZE))

@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from twin_diagram.planning.tasks import picking, placing
 from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, in_sight
 from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskOutcome, TaskState, Why
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
+from twin_diagram.planning.tasks.watching_hand import watched
 from twin_diagram.signals.hand import NOTHING
 from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.signals.pose_vectors import compose, errors
@@ -31,7 +30,9 @@ def advance(state: TaskState, seen: StepView, steps: Sequence[Step], library: Se
     if state.phase is Phase.START:
         return _begin(state, seen, steps, library)
     step = steps[state.step]
-    state, lost = _watch_hand(state, seen)
+    lost = Why.NONE
+    if state.hand.held != NOTHING:
+        state, lost = watched(state, seen, library[state.hand.held])
     if lost is not Why.NONE:
         if state.phase is Phase.LIFT:
             return picking.again(state, seen, step, lost)
@@ -69,31 +70,6 @@ def _late(state: TaskState, seen: StepView, step: Step) -> Why:
     if state.phase is Phase.LOOK:
         return Why.NOT_SEEN if seen.tracks[step.target].status == ObjectStatus.UNSEEN else Why.TARGET_LOST
     return Why.TARGET_LOST if state.phase is Phase.WAIT else Why.TIME_LIMIT
-
-
-def _watch_hand(state: TaskState, seen: StepView) -> tuple[TaskState, Why]:
-    """Look whether what is held is still there."""
-    k = state.hand.held
-    if k == NOTHING:
-        return state, Why.NONE
-    if seen.opening < TUNING.empty:
-        return state, Why.DROPPED
-    measurement = seen.measured[k]
-    if not (measurement.quality > 0.0 and measurement.time > state.image):
-        return state, Why.NONE
-    off = float(np.linalg.norm(measurement.pose[4:] - compose(seen.X_WT, state.hand.X_TO)[4:]))
-    doubt = 3.0 * float(np.sqrt(max(0.0, np.linalg.eigvalsh(measurement.covariance[3:, 3:])[-1])))
-    # The image is of a little while ago, when the hand was not yet where it is.
-    late = seen.speed * (seen.now - measurement.time)
-    count = state.elsewhere + 1 if off > TUNING.elsewhere + doubt + late else 0
-    why = Why.SEEN_ELSEWHERE if count >= TUNING.images else Why.NONE
-    state = replace(state, elsewhere=count, image=measurement.time)
-    if state.slipped >= 0:
-        slipped = state.slipped + 1 if off > TUNING.slip + doubt + late else 0
-        state = replace(state, slipped=slipped)
-        if slipped >= TUNING.images and why is Why.NONE:
-            state = replace(state.noting(Note.SLIPPED, seen.now), slipped=-1)
-    return state, why
 
 
 def _move(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:

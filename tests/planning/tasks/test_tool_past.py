@@ -1,0 +1,37 @@
+"""Where the tool was at the time of an image."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin_diagram.planning.tasks.tool_past import KEPT, no_past, remembering, tool_at
+from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
+
+V = np.array([0.3, -0.2, 0.5, 0.1, 0.4, -0.2])
+TICK = 0.01
+
+
+def pose(time: float) -> Array:
+    return np.array([*rotations.normalized(rotations.exp(V[:3] * time)), *(V[3:] * time)])
+
+
+def test_between_ticks_it_is_where_it_moved_evenly() -> None:
+    past = no_past()
+    for k in range(1, 2 * KEPT):
+        past = remembering(past, k * TICK, pose(k * TICK))
+    for time in ((2 * KEPT - 1.0) * TICK, (2 * KEPT - 4.3) * TICK, KEPT * TICK + 1e-9):
+        found = tool_at(past, time)
+        assert found is not None
+        np.testing.assert_allclose(found[0], pose(time), atol=1e-9)
+        np.testing.assert_allclose(found[1], V, atol=1e-9)
+
+
+def test_what_is_not_known_is_not_told() -> None:
+    past = no_past()
+    assert tool_at(past, 0.0) is None
+    past = remembering(past, 1.0, pose(1.0))
+    assert tool_at(past, 1.0) is None, "one place tells no velocity"
+    past = remembering(past, 1.0 + TICK, pose(1.0 + TICK))
+    assert tool_at(past, 0.99) is None and tool_at(past, 1.02) is None
+    assert tool_at(past, 1.005) is not None
