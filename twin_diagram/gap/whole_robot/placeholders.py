@@ -20,7 +20,6 @@ from twin_diagram.gap.whole_robot.concluding import WholeRobot, corrected
 from twin_diagram.gap.whole_robot.estimates import FRICTION, NAMES
 from twin_diagram.gap.whole_robot.explain import begun, settled
 from twin_diagram.gap.whole_robot.torque_equations import OWN, equations
-from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
 from twin_diagram.logs import Log
 from twin_diagram.model.effects import make
 from twin_diagram.model.effects.friction import ViscousFriction
@@ -110,7 +109,10 @@ def as_of_the_description(found: WholeRobot, given: Records, stated: Array) -> W
 
 
 def relative(findings: Sequence[Finding], found: WholeRobot, term: str, stated: Array) -> list[Finding]:
-    """Return findings with one term of joints' friction relative to what is stated of it (n,)."""
+    """Return findings with one term of joints' friction relative to what is stated of it (n,).
+
+    Errors stay those of what a joint has: a placeholder says nothing that it could be compared with.
+    """
     name, key = NAMES[term]
     if not np.any(stated):
         return list(findings)
@@ -124,13 +126,8 @@ def relative(findings: Sequence[Finding], found: WholeRobot, term: str, stated: 
         one = before.get(joint, none if level else None)
         if one is None:
             continue
-        value = float(np.asarray(one.value)) - level
-        if level and float(np.asarray(one.std)) > WELL_TOLD.third * abs(value):
-            continue  # as stated, as far as can be told
-        values[joint] = replace(one, value=value)
+        values[joint] = replace(one, value=float(np.asarray(one.value)) - level)
     rest = [one for one in findings if one not in mine]
-    if not values:
-        return rest
     sure = float(1.0 / (1.0 + np.exp(-np.clip(surplus, -30.0, 30.0))))
     told = mine[0] if mine else Finding(name, (), (), {}, sure)
     told = replace(told, joints=tuple(values), parameters={**told.parameters, key: dict(values)})
