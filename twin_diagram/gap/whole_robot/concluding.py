@@ -137,8 +137,11 @@ def said_of(problem: RobotProblem, z: Array, spread: Array) -> WholeRobot | None
     if not (np.any(problem.links_free) or np.any(problem.said) or problem.sums.further):
         return None
     given, left_out = problem.sums.records.model, LeftOut.of(problem, z)
-    spread = estimates.beside_all(estimates.widened(spread, left_out.fits), every_beside(problem), z)
-    found = estimates.findings(problem, z, spread, given, confidences(problem, left_out))
+    every, brought = every_beside(problem), what_each_brings(problem, left_out)
+    wide, least = (estimates.beside_all(x, every, z) for x in (estimates.widened(spread, left_out.fits), spread))
+    own = [float(brought[k][(k - problem.n) // len(OWN)]) if k in brought else 0.0 for k in own_units(problem)]
+    spread = estimates.by_evidence(wide, least, z - problem.mean, np.reshape(own, (problem.n, len(OWN))))
+    found = estimates.findings(problem, z, spread, given, confidences(problem, brought))
     fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
     model = corrected(given, found, [record.mark for record in problem.sums.records.records])
     if model is None:
@@ -226,16 +229,23 @@ def decided(problem: RobotProblem, z: Array, term: tuple[int, int]) -> RobotProb
     return without if left[1] > left[0] else as_described
 
 
-def confidences(problem: RobotProblem, left_out: LeftOut) -> dict[str, float]:
+def own_units(problem: RobotProblem) -> range:
+    """Return which of `units` are joints' own terms, in order."""
+    return range(problem.n, problem.n * (1 + len(OWN)))
+
+
+def what_each_brings(problem: RobotProblem, left_out: LeftOut) -> dict[int, Array]:
+    """Return per free one of `units` by how much it makes left-out motion of each joint likelier (n,) [nats]."""
+    linear, parts = Linearised.of(left_out), units(problem)
+    now = linear.likelihood(np.zeros(len(problem.mean), dtype=bool))
+    return {k: now - linear.likelihood(part) for k, part in enumerate(parts) if np.any(problem.free & part)}
+
+
+def confidences(problem: RobotProblem, brought: dict[int, Array]) -> dict[str, float]:
     """Return per name how sure all its places are: as the weakest of them, by what it brings left-out motion."""
-    n, linear = problem.n, Linearised.of(left_out)
-    parts, nothing = units(problem), np.zeros(len(problem.mean), dtype=bool)
-    now = linear.likelihood(nothing)
+    n = problem.n
     weakest: dict[str, float] = {}
-    for k, part in enumerate(parts):
-        if not np.any(problem.free & part):
-            continue
-        lost = now - linear.likelihood(part)
+    for k, lost in brought.items():
         j, term = divmod(k - n, len(OWN))
         name = InertialParameters.name if k < n else estimates.name_of(problem, j, term)
         gain = float(np.sum(lost) if k < n else lost[j])

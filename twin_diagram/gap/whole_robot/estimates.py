@@ -110,6 +110,30 @@ def beside_all(spread: Array, every: RobotProblem, z: Array) -> Array:
     return np.asarray(spread * np.outer(ratio, ratio))
 
 
+def by_evidence(wide: Array, least: Array, size: Array, brought: Array) -> Array:
+    """Return a covariance (Z, Z) of which friction's is no larger than what left-out motion loses without it says.
+
+    One kind of motion may carry a term alone: fits without it then differ by far more than the term is unsure. A term
+    of n standard errors brings n² / 2 nats.
+
+    Args:
+        wide: with what fits without one kind of motion each differ by, see `widened`.
+        least: without that; no error is less.
+        size: (Z,) by which coordinates differ from the description.
+        brought: (n, 4) by how much joints' own terms make left-out motion of the joint likelier [nats].
+    """
+    n = len(brought)
+    told = np.full((n, len(OWN)), np.inf)
+    k = [OWN.index(term) for term in FRICTION]
+    told[:, k] = np.abs(size[10 * n : 14 * n].reshape(n, -1)[:, k]) / np.sqrt(2.0 * np.maximum(brought[:, k], 1e-9))
+    error, own = np.sqrt(np.diag(wide)), np.sqrt(np.maximum(np.diag(least), 0.0))
+    ratio = np.ones(len(error))
+    terms = slice(10 * n, 14 * n)
+    most = np.maximum(own[terms], told.ravel())
+    ratio[terms] = np.minimum(most / np.maximum(error[terms], 1e-300), 1.0)
+    return np.asarray(wide * np.outer(ratio, ratio))
+
+
 def findings(
     problem: RobotProblem, z: Array, spread: Array, model: Model, sure: dict[str, float]
 ) -> tuple[Finding, ...]:

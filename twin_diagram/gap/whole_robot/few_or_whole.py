@@ -16,6 +16,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import taking_over
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.gap.whole_robot.explain import explain
+from twin_diagram.gap.whole_robot.placeholders import as_of_the_description, placeholders
 from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.logs import Log
 from twin_diagram.model.description import corrected_folder
@@ -54,7 +55,7 @@ def explained(
     """Return what is found of the robot as a whole, or by the search for a few names; `notes` grow."""
     say("fitting the whole robot")
     try:
-        whole = explain(records, known=bool(standing.remainder))
+        whole = whole_robot(records, logs, known=bool(standing.remainder))
     except np.linalg.LinAlgError:  # a log in which next to nothing moves
         whole = None
     recorded = np.array([standing.remainder.get(joint, 0.0) for joint in given.joints])
@@ -85,6 +86,22 @@ def explained(
         verdict, corrected, _ = _corrected(given, logs, held, fewer, records, say)
     notes += more
     return Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
+
+
+def whole_robot(records: Records, logs: Sequence[Log], *, known: bool) -> WholeRobot | None:
+    """Return what is found of the robot as a whole, beginning without friction that is stated and not there.
+
+    Args:
+        records: prepared with the given model.
+        logs: they were prepared of.
+        known: see `explain`.
+    """
+    too_much = None if known else placeholders(records, logs)
+    if too_much is None:
+        return explain(records, known=known)
+    found = explain(too_much.records)
+    told = None if found is None else as_of_the_description(found, records, too_much.stated)
+    return told or explain(records)  # an arm that lacks nothing else has what is stated too much, all the same
 
 
 def standing_after(
