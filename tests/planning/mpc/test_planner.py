@@ -207,6 +207,41 @@ def test_what_rests_may_be_as_near_as_to_the_line_that_was_found_free(scene: Sce
         np.testing.assert_array_equal(margins, 0.3)
 
 
+def test_what_a_line_leaves_may_stay_as_near_as_it_is(scene: Scene) -> None:
+    """The line is ahead of the arm, which need not be jerked aside to be as far off as the line is by then."""
+    planner = MotionPlanner(scene, np.full(7, 2.0), PARAMS)
+    way = HOME + np.linspace(0.1, 0.5, len(planner.optimiser.samples))[:, None] * [0, -1, 0, 0, 0, 0, 0]
+    X = scene.chain.tool(scene.chain.place(HOME[None]))[0]
+    forecast = Forecast.of_tracks(track(place=(X[0, 3] + 0.1, X[1, 3], X[2, 3])))
+    around = scene.around(forecast, planner.optimiser.samples)
+    now = planner.guide.margins_at(HOME, forecast, HOME[None])
+    near = scene.clearance.distances(way, around, 1.0, own=False)
+    assert (near[:, 1] > now.here[1] + 0.003).all() and (np.diff(near[:, 1]) > 0).all()
+    margins = np.full(near.shape, 0.3)
+    ahead, behind = (planner._as_near_as(way, around, margins, now, lagging=lagging) for lagging in (False, True))
+    np.testing.assert_allclose(ahead[:, 1], np.minimum(0.3, near[:, 1] - 0.003))
+    np.testing.assert_allclose(behind[:, 1], now.here[1] - 0.003)
+    np.testing.assert_array_equal(behind[:, -1], 0.3)
+
+
+def test_a_hand_goes_straight_up_beside_what_stands_close(scene: Scene) -> None:
+    planner = MotionPlanner(scene, np.full(7, 2.0), PARAMS)
+    X = scene.chain.tool(scene.chain.place(HOME[None]))[0]
+    beside = track(place=(X[0, 3] + 0.08, X[1, 3] + 0.09, X[2, 3] - 0.05))
+    near = scene.clearance.distances(HOME[None], scene.around(Forecast.of_tracks(beside), np.zeros(1)), 1.0)[0, 1]
+    assert 0.02 < near < PARAMS.clearance, "nearer than is kept on a way"
+    goal = np.concatenate([rotations.from_matrix(X[:3, :3]), X[:3, 3] + [0.0, 0.0, 0.08]])
+    memory, _ = planner.tick(planner.initial(HOME), 0.0, np.concatenate([HOME, NONE]), beside, NONE)
+    now, places = 0.0, []
+    for _ in range(60):
+        now += 1.0 / PARAMS.rate
+        q, v, _ = (part[0] for part in memory.trajectory.at(np.array([now])))
+        memory, _ = planner.tick(memory, now, np.concatenate([q, v]), beside, goal)
+        places.append(scene.chain.tool(scene.chain.place(q[None]))[0, :3, 3])
+    gone = np.array(places) - X[:3, 3]
+    assert gone[-1, 2] > 0.075 and np.linalg.norm(gone[:, :2], axis=1).max() < 0.005
+
+
 def test_without_a_goal_six_tenths_of_the_clearance_are_always_wanted(spied: Spied, at_home: Memory) -> None:
     spied.tick(at_home, 0.1)
     assert spied.situation.least == pytest.approx(0.6 * PARAMS.clearance)

@@ -224,7 +224,9 @@ class MotionPlanner:
         else:
             reference = way.at(samples + (TUNING.ahead if route.aim is Aim.LINE else 0.0))
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
-        if route.aim is Aim.LINE or (route.to_goal and _stands(guess, reference)):
+        if route.aim is Aim.LINE:
+            margins = self._as_near_as(reference, around, margins, situation, lagging=True)
+        elif route.to_goal and _stands(guess, reference):
             margins = self._as_near_as(reference, around, margins, situation)
         out = way_out(self.scene, self.router.lifted, situation, self.limits.velocity)
         if out is not None:
@@ -259,12 +261,17 @@ class MotionPlanner:
         result[:, :-1] = np.where(now.still, leaving, result[:, :-1])
         return result
 
-    def _as_near_as(self, way: Array, around: Surroundings, margins: Array, now: Situation) -> Array:
+    def _as_near_as(
+        self, way: Array, around: Surroundings, margins: Array, now: Situation, *, lagging: bool = False
+    ) -> Array:
         """Return margins (M, B + 1) by which what rests may be as near as it is to a way (M, n) that was found free.
 
-        Between things that stand close together the hand then keeps to its line, rather than to their middle.
+        Between things that stand close together the hand then keeps to its line, rather than to their middle. Where it
+        may lag behind on the way, it may be as near to what it leaves as it is now, and is not jerked away from it.
         """
         near = self.scene.clearance.distances(way, around, float(margins.max()) + TUNING.kept, own=False)
+        if lagging:
+            near = np.minimum.accumulate(np.vstack([now.here, near]))[1:]
         result = margins.copy()
         wanted = np.minimum(margins[:, :-1], np.maximum(near[:, :-1] - TUNING.kept, now.least))
         result[:, :-1] = np.where(now.still, wanted, margins[:, :-1])
