@@ -11,6 +11,7 @@ import pytest
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene, load_scene
+from twin_diagram.planning.mpc.margins import as_near_as, at_samples
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.trajectory_optimisation import Optimum
@@ -150,7 +151,7 @@ def test_what_is_nearly_at_its_goal_may_be_as_near_to_things_as_there(spied: Spi
     for duration in (0.0, 0.14, 0.4):
         left = np.maximum(duration - 0.15 - samples, 0.0)
         expected = np.stack([0.02 - 0.003 + 0.1 * left, np.full(len(samples), 0.005)], axis=1)
-        np.testing.assert_allclose(spied.planner._margins(now, duration), expected)
+        np.testing.assert_allclose(at_samples(now, spied.planner.optimiser.samples, duration), expected)
 
 
 def test_what_rests_beside_the_hand_is_left_gently_and_what_moves_is_not(spied: Spied) -> None:
@@ -170,7 +171,7 @@ def test_what_rests_beside_the_hand_is_left_gently_and_what_moves_is_not(spied: 
             0.01,
             0.004,
         )
-        told = spied.planner._margins(now, 0.4)
+        told = at_samples(now, spied.planner.optimiser.samples, 0.4)
         gentle = np.minimum(0.02 - 0.003 + 0.1 * samples, full)
         np.testing.assert_allclose(told[:, 0], gentle if still else full)
         np.testing.assert_allclose(told[:, 1], full)
@@ -184,7 +185,9 @@ def test_what_overlaps_at_rest_is_left_from_where_it_is_on(spied: Spied) -> None
     here, still = np.array([-0.05, 1.0, 1.0]), np.array([True, True])
     now = Situation(HOME, Forecast.of_tracks(track()), HOME[None], here, np.ones((1, 3)), still, 0.06, 0.01, 0.004)
     full = 0.06 + 0.02 * np.minimum(samples, 1.0)
-    np.testing.assert_allclose(spied.planner._margins(now, 0.4)[:, 0], np.minimum(-0.05 + 0.1 * samples, full))
+    np.testing.assert_allclose(
+        at_samples(now, spied.planner.optimiser.samples, 0.4)[:, 0], np.minimum(-0.05 + 0.1 * samples, full)
+    )
 
 
 def test_what_rests_may_be_as_near_as_to_the_line_that_was_found_free(scene: Scene) -> None:
@@ -198,7 +201,7 @@ def test_what_rests_may_be_as_near_as_to_the_line_that_was_found_free(scene: Sce
         now = planner.guide.margins_at(HOME, forecast, HOME[None])
         near = scene.clearance.distances(way, around, 1.0, own=False)
         margins = np.full(near.shape, 0.3)
-        told = planner._as_near_as(way, around, margins, now)
+        told = as_near_as(near, margins, now)
         least = 0.25 * PARAMS.clearance
         gentle = np.minimum(0.3, np.maximum(near[:, 1] - 0.003, least))
         np.testing.assert_allclose(told[:, 1], 0.3 if moves else gentle)
@@ -218,7 +221,7 @@ def test_what_a_line_leaves_may_stay_as_near_as_it_is(scene: Scene) -> None:
     near = scene.clearance.distances(way, around, 1.0, own=False)
     assert (near[:, 1] > now.here[1] + 0.003).all() and (np.diff(near[:, 1]) > 0).all()
     margins = np.full(near.shape, 0.3)
-    ahead, behind = (planner._as_near_as(way, around, margins, now, lagging=lagging) for lagging in (False, True))
+    ahead, behind = (as_near_as(near, margins, now, lagging=lagging) for lagging in (False, True))
     np.testing.assert_allclose(ahead[:, 1], np.minimum(0.3, near[:, 1] - 0.003))
     np.testing.assert_allclose(behind[:, 1], now.here[1] - 0.003)
     np.testing.assert_array_equal(behind[:, -1], 0.3)

@@ -9,11 +9,12 @@ from functools import lru_cache
 import numpy as np
 
 from twin_diagram import scenario
-from twin_diagram.planning.collision.clearance import Surroundings
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, torque_bounds
 from twin_diagram.planning.mpc.backing_out import proved_wrong, way_out, without
 from twin_diagram.planning.mpc.limits import limits_of
+from twin_diagram.planning.mpc.margins import TUNING as MARGINS
+from twin_diagram.planning.mpc.margins import as_near_as, at_samples
 from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
@@ -22,7 +23,7 @@ from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser,
 from twin_diagram.planning.paths.guide import TUNING as GUIDE
 from twin_diagram.planning.paths.guide import Guide, GuideSettings, Question, together
 from twin_diagram.planning.paths.inverse_kinematics import IkTuning
-from twin_diagram.planning.paths.route import Aim, Route, Situation
+from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.planning.paths.searching import Here, Searcher
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE
@@ -48,20 +49,8 @@ class Tuning:
     first_goals: IkTuning = field(default_factory=lambda: IkTuning(starts=12, iterations=24))
     """What a tick itself looks for when a goal is new: joint goals near by, in few ms; a search finds the others."""
 
-    approach: float = 0.1
-    """How fast the margin grows to its full size away from a goal next to a thing [m/s of travel]."""
-
-    kept: float = 0.003
-    """What is nearer than the margin now may come nearer by this [m]: plans are followed to a millimetre or two."""
-
-    at_goal: float = 0.15
-    """… from so long before the goal on [s]: a motion that is off by millimetres takes that long to be there."""
-
     stopping_time: float = 0.5
     """Without anywhere to go the arm comes to rest in about this time [s]."""
-
-    surprise_time: float = 1.0
-    """Plans keep `guide.Tuning.surprise` more from what lies so far ahead or farther [s], and less up to there."""
 
     ahead: float = 0.1
     """What is followed on a straight line is so far ahead [s]: by so much a plan lags, whose first acceleration is that
@@ -201,8 +190,7 @@ class MotionPlanner:
         memory, q0, v0, a0, reanchored = self._anchor(memory, now, arm_state)
         stop = q0 + TUNING.stopping_time / 2 * v0
         further, things = (*beside, None, None)[:2]
-        forecast = self.scene.forecast(tracks, further, things)
-        seed = (self.params.seed, memory.tick, 1)
+        forecast, seed = self.scene.forecast(tracks, further, things), (self.params.seed, memory.tick, 1)
         question = Question(seed, q0, goal, memory.goals, False, tracks, further, things, added=tuple(self.scene.added))
         before = memory
         memory = self._aim(memory, q0, stop, goal, forecast, rng)
@@ -215,19 +203,18 @@ class MotionPlanner:
         end = route.points[-1:] if route.to_goal else memory.goals[:0]
         situation = self.guide.margins_at(q0, forecast, end, at_rest=not np.any(memory.goal))
         way = self.router.travel(q0, route, v0)
-        margins = self._margins(situation, way.duration)
+        margins = at_samples(situation, samples, way.duration)
         around = self.scene.around(forecast, samples)
         old_q, old_v, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
+        line = route.aim is Aim.LINE
+        reference = way.at(samples + (TUNING.ahead if line else 0.0))
         if route.aim is Aim.NOTHING:
             reference = np.repeat(stop[None], len(samples), axis=0)
-        else:
-            reference = way.at(samples + (TUNING.ahead if route.aim is Aim.LINE else 0.0))
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
-        if route.aim is Aim.LINE:
-            margins = self._as_near_as(reference, around, margins, situation, lagging=True)
-        elif route.to_goal and _stands(guess, reference):
-            margins = self._as_near_as(reference, around, margins, situation)
+        if line or (route.to_goal and _stands(guess, reference)):
+            near = self.scene.clearance.distances(reference, around, float(margins.max()) + MARGINS.kept, own=False)
+            margins = as_near_as(near, margins, situation, lagging=line)
         out = way_out(self.scene, self.router.lifted, situation, self.limits.velocity)
         if out is not None:
             reference, margins = out.at(samples), without(margins, proved_wrong(situation))
@@ -244,38 +231,6 @@ class MotionPlanner:
         knots: Array = now + self.params.step * np.arange(1.0, self.params.knots - 1)
         q, v, a = memory.trajectory.at(knots)
         return torque_bounds(arm, q - memory.offset, v, a, self.limits.torque)
-
-    def _margins(self, now: Situation, duration: float) -> Array:
-        """Return (M, B + 1) the distances to keep at the samples, on a way that takes so long [s].
-
-        Plans keep more the farther ahead, so that there is room left when something does what was not foreseen. What
-        rests and is near now is left as gently as it would be come up to: nobody is to be jerked away from it.
-        """
-        samples = self.optimiser.samples
-        extra = GUIDE.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
-        away = TUNING.approach * np.maximum(duration - TUNING.at_goal - samples, 0.0)
-        result = now.margins(0 if len(now.goals) else None, extra, away)
-        # What overlaps is left from where it is on: to ask for all of the margin at once would be to leap.
-        here = np.where(now.here[:-1] < 0.0, now.here[:-1], np.maximum(now.here[:-1] - TUNING.kept, now.least))
-        leaving = np.minimum(result[:, :-1], here + TUNING.approach * samples[:, None])
-        result[:, :-1] = np.where(now.still, leaving, result[:, :-1])
-        return result
-
-    def _as_near_as(
-        self, way: Array, around: Surroundings, margins: Array, now: Situation, *, lagging: bool = False
-    ) -> Array:
-        """Return margins (M, B + 1) by which what rests may be as near as it is to a way (M, n) that was found free.
-
-        Between things that stand close together the hand then keeps to its line, rather than to their middle. Where it
-        may lag behind on the way, it may be as near to what it leaves as it is now, and is not jerked away from it.
-        """
-        near = self.scene.clearance.distances(way, around, float(margins.max()) + TUNING.kept, own=False)
-        if lagging:
-            near = np.minimum.accumulate(np.vstack([now.here, near]))[1:]
-        result = margins.copy()
-        wanted = np.minimum(margins[:, :-1], np.maximum(near[:, :-1] - TUNING.kept, now.least))
-        result[:, :-1] = np.where(now.still, wanted, margins[:, :-1])
-        return result
 
     def _heard(self, memory: Memory, q0: Array, forecast: Forecast) -> Memory:
         """Take the answer to what was asked, when it is due."""
