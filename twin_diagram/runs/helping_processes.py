@@ -40,5 +40,7 @@ def helping_processes(loop: ClosedLoop, spare: bool = True) -> Iterator[None]:
         if spare and plan.duration >= TUNING.worthwhile and cores() > 1:
             if isinstance(station, SimStation):
                 stack.enter_context(station.pictures_beside())
-            stack.enter_context(loop.twin.looking_beside())
+            # A real arm must not wait for a process that hangs, and what stops it waits here, too.
+            if plan.station != "lcm":
+                stack.enter_context(loop.twin.looking_beside())
         yield
