@@ -73,6 +73,13 @@ def test_one_that_hangs_is_ended(caplog: pytest.LogCaptureFixture) -> None:
     assert len(caplog.messages) == 1 and "within 0.5 s" in caplog.messages[0]
 
 
+def test_the_first_answer_may_take_longer(beside: WorkBeside[tuple[int, bytes], Array]) -> None:
+    assert beside._patience == TUNING.beginning > TUNING.patience, "it begins, and may compile"
+    beside.ask(asked(1))
+    assert beside.answer(asked(1)) is not None
+    assert beside._patience == TUNING.patience
+
+
 def test_it_ends_with_its_user(caplog: pytest.LogCaptureFixture) -> None:
     with WorkBeside[tuple[int, bytes], Array](Squares(), "squares") as beside:
         beside.ask(asked(13))

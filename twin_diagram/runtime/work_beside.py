@@ -33,7 +33,11 @@ class Tuning:
     """Constants of this module, with their units and what set them."""
 
     patience: float = 20.0
-    """What takes longer hangs [s of the wall clock]: on a busy machine a process takes seconds to begin."""
+    """What takes longer hangs [s of the wall clock]: on a busy machine an answer takes up to a second …"""
+
+    beginning: float = 180.0
+    """… but for the first one [s of the wall clock]: a process takes seconds to begin, and after an installation it
+    compiles loops for half a minute of a core, of which others may take most."""
 
     kept: int = 8
     """Answers that are kept at hand: another Context may ask the same."""
@@ -52,16 +56,18 @@ class WorkBeside(Generic[Question, Answer]):
         why: in one line what is wrong; empty while all is well.
     """
 
-    def __init__(self, answering: Answering[Question, Answer], does: str, patience: float = TUNING.patience) -> None:
+    def __init__(self, answering: Answering[Question, Answer], does: str, patience: float | None = None) -> None:
         """Start the process.
 
         Args:
             answering: a copy of it works there.
             does: what it does, for the line that tells of its failure: `takes pictures`.
-            patience: see `Tuning` [s].
+            patience: with each answer [s of the wall clock]; None: see `Tuning`.
         """
         self.why = ""
-        self._does, self._patience = does, patience
+        self._does = does
+        self._patience = TUNING.beginning if patience is None else patience
+        self._later = TUNING.patience if patience is None else patience
         self._known: dict[bytes, Answer | None] = {}
         self._changed = threading.Condition()
         self._worker = WorkerProcess(pickle.dumps(answering), self._answered, self._fail)
@@ -103,6 +109,7 @@ class WorkBeside(Generic[Question, Answer]):
 
     def _answered(self, key: bytes, answer: Any) -> None:
         with self._changed:
+            self._patience = self._later
             if key in self._known:
                 self._known[key] = answer
             self._changed.notify_all()
