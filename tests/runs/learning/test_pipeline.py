@@ -61,8 +61,10 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt: Picked(one, taken))
     monkeypatch.setattr(handling, "show_first", bin_.show)
     monkeypatch.setattr(handling, "let_go", bin_.let_go)
+    monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.correct_cameras", lambda *told: [])
     record = LearningRecord(folder, Scenario())
-    tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries))
+    tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries), cameras={}, faces=None)
     return Learner(tools, record, record.begin(), lambda text: None)
 
 
@@ -135,7 +137,8 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
     jobs: Any = SimpleNamespace(add=lambda name, folder: None, poll=list, pending=[], close=lambda: None)
     run._jobs, learning = jobs, Learning(grasps=1, weigh_seconds=0.0)
     cell = SimpleNamespace(**vars(run.tools.cell), opening=0.05, q=np.zeros(7), moment=lambda name: None)
-    tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=SimpleNamespace(tool=lambda q: np.eye(4)))
+    mover = SimpleNamespace(tool=lambda q: np.eye(4))
+    tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=mover, cameras={}, faces=None)
     run.tools = tools
     run.run()
     assert [one.state for one in run.state.learned] == ["failed", "failed", "handled"]

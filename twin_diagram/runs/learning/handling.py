@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from twin_diagram.runs.learning.bin_view import (
     wall_points,
     why_not,
 )
+from twin_diagram.runs.learning.camera_check import Faces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import NothingHeld, display
@@ -37,7 +38,7 @@ from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.seen_map import Boxes, SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.weighing import slipped, swing_empty, swing_held, write_swung
-from twin_diagram.scenario import Learning
+from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
 
 
@@ -69,6 +70,9 @@ class Tuning:
     fallen: float = 0.05
     """Half of the size of something that was let fall [m], for who puts others beside it."""
 
+    tallest: float = 0.22
+    """Height of what may stand in the other bin while things are swung [m]: a cracker box on its end."""
+
     platform_spots: tuple[float, ...] = (0.0, 0.03, -0.03)
     """Off the platform's middle where things are set down [m]."""
 
@@ -80,7 +84,7 @@ PLATFORM: Final = "platform"
 
 @dataclass(frozen=True)
 class Tools:
-    """What handling needs: the cell, who plans, the arm's shapes, the gripper's figures, and where things are."""
+    """What handling needs: cell, planner, the arm's shapes, the gripper's figures, cameras, what stands still."""
 
     cell: Cell
     mover: Mover
@@ -89,6 +93,8 @@ class Tools:
     learning: Learning
     home: Array
     model: Model
+    cameras: Mapping[str, Camera]
+    faces: Faces
 
 
 @dataclass
@@ -274,9 +280,12 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     """
     learning = tools.learning
     X_TS = np.asarray(np.linalg.inv(shown.X_ST[-1]), dtype=float)
-    swung, shown.swung, mass = swing_held(
-        tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
-    )
+    low, high = (np.array(corner) for corner in learning.into_bin)
+    # The empty hand is swung alike when one thing more stands there.
+    with tools.mover.blocked(low, np.array([*high[:2], low[2] + TUNING.tallest])):
+        swung, shown.swung, mass = swing_held(
+            tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
+        )
     if tools.cell.opening < PICKING.empty:
         raise NothingHeld("it was lost while it was swung")
     # Swinging makes it creep in the hand: where it is afterwards is seen.
@@ -311,15 +320,20 @@ def weigh_empty(tools: Tools, shown: ShownObject, opening: float, file: Path) ->
         write_swung(file, swing_empty(tools.model, tools.mover, tools.cell, shown.swung, opening))
 
 
+def keep_clear(tools: Tools, standing: Sequence[PutDown]) -> None:
+    """Keep all ways from here on, and all swinging, clear of what stands in the other bin."""
+    floor = float(tools.learning.into_bin[0][2])
+    tools.mover.stand("other bin", [outline(one) for one in standing], floor)
+
+
 def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> PutDown:
-    """Put what is held into the other bin, beside what stands there; return where.
+    """Put what is held into the other bin, beside what stands there and `keep_clear` was told of; return where.
 
     Raises:
         NoWay: no place is reached.
     """
     low, high = (np.array(corner) for corner in tools.learning.into_bin)
     points_T, why = in_tool(shown), NoWay("no room in the other bin")
-    tools.mover.stand("other bin", [outline(one) for one in standing], float(low[2]))
     for R_WT in resting(points_T, shown.R_WT):
         places = places_in(low, high, standing, points_T, R_WT)
         if not places:
@@ -331,7 +345,9 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> P
             continue
         extent = np.ptp(points_T @ R_WT.T, axis=0)
         radius = 0.5 * float(np.hypot(extent[0], extent[1]))
-        return PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+        put = PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+        keep_clear(tools, [*standing, put])
+        return put
     raise why
 
 

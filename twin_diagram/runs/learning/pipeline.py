@@ -15,9 +15,11 @@ from twin_diagram.errors import TwinError
 from twin_diagram.estimation.weighing import WeighingError
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
+from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.camera_check import Faces, correct_cameras
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
@@ -69,7 +71,8 @@ def tools_of(scenario: Scenario, learning: Learning) -> Tools:
     model = Model.load(twin.arm, packages, torque_side=twin.driver.torque_side)
     mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
     home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
-    return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model)
+    faces = Faces.of([solid for _, solids in fixture_solids(twin.fixtures, packages) for solid in solids])
+    return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model, twin.cameras, faces)
 
 
 class Learner:
@@ -128,6 +131,8 @@ class Learner:
             self.record.event(stage="resume", sim=self.tools.cell.time, objects=len(self.state.learned))
         else:
             self.tools.cell.wait(TUNING.settle)
+        for camera in correct_cameras(self.tools.cell, self.tools.learning, self.tools.cameras, self.tools.faces):
+            self.record.event(stage="camera", **camera)
         for one in self.state.learned:
             if one.state == "handled":
                 self._jobs.add(one.name, self.record.of(one.name))
@@ -157,6 +162,7 @@ class Learner:
         """Try to take a thing, and do with it all that is to be done."""
         name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
         picked = Picked(thing)
+        handling.keep_clear(self.tools, self._standing())
         for attempt in range(self.tools.learning.tries):
             with self._stage(name, "pick") as told:
                 picked = handling.pick(self.tools, thing, things, attempt)
@@ -194,8 +200,7 @@ class Learner:
             self.tools.cell.moment(name)
             with self._stage(name, "put away"):
                 self._in_bin = False
-                standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
-                put = handling.put_away(self.tools, shown, standing)
+                put = handling.put_away(self.tools, shown, self._standing())
                 one.standing = [*put.place, put.radius, put.top]
             empty = self.record.folder / SWUNG
             if shown.swung is not None and not empty.is_file():
@@ -244,11 +249,14 @@ class Learner:
             if told["outcome"] != "shown":
                 raise NothingHeld("it could not be taken from the platform again")
 
+    def _standing(self) -> list[PutDown]:
+        """Return what stands in the other bin."""
+        return [PutDown((s[0], s[1]), s[2], s[3]) for one in self.state.learned if (s := one.standing)]
+
     def _seek(self, one: Learned) -> None:
         """Look for what was lost where the cameras see, and put it away; what cannot be had is told with a picture."""
         with self._stage(one.name, "seek") as told:
-            standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
-            found, picture = seek(self.tools, standing)
+            found, picture = seek(self.tools, self._standing())
             told["outcome"] = found.told
         if found.put is not None:
             one.standing = [*found.put.place, found.put.radius, found.put.top]

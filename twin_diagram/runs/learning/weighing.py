@@ -51,9 +51,9 @@ class Tuning:
     friction: float = 0.3
     """Between pad and object that the swinging counts on."""
 
-    shares: tuple[float, ...] = (0.25, 0.5)
-    """Of what the grip carries that the swinging asks for: at 0.4 an L that was held 4 cm off its centre crept by 5 mm
-    in 10 s, at steps of the world of 1 and 2.5 ms alike. What takes more at rest is swung with the second one."""
+    shares: tuple[float, ...] = (0.5, 0.8)
+    """Of what the grip carries by that friction, the swinging asks for: the pads hold the slipperiest object with 0.55.
+    What takes more at rest is swung with the second one."""
 
     pad_half: float = 0.0105
     """Half of the pads' width [m]."""
