@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from twin_diagram.logs.measured_log import Log
-from twin_diagram.runs.learning.weighing import Swung, read_swung, slipped, write_swung
+from twin_diagram.runs.learning.weighing import Swung, grip_on, read_swung, slipped, write_swung
+from twin_diagram.signals.arrays import Array
 
 
 def swung() -> Swung:
@@ -42,3 +43,27 @@ def test_what_crept_is_in_the_middle_of_its_way() -> None:
     assert half == pytest.approx([0.0, 0.02, 0.0], abs=1e-12)
     still = slipped(before, before.X_TS)
     assert still.X_TS == pytest.approx(before.X_TS) and still.slip == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def drum(axis: Array, radius: float) -> Array:
+    """Points (N, 3) all over a long drum about a direction (3,) through the pads' middle, every millimetre or so."""
+    angle, along = np.random.default_rng(1).uniform([0.0, -0.05], [2.0 * np.pi, 0.05], (40000, 2)).T
+    across = np.cross(axis, [0.0, 1.0, 0.0])
+    ring = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * np.array([0.0, 1.0, 0.0])
+    return np.asarray(radius * ring + along[:, None] * axis + np.array([0.0, 0.0, -0.0125]))
+
+
+def test_pads_hold_a_flat_thing_all_over_and_a_round_one_along_a_strip() -> None:
+    rng = np.random.default_rng(0)
+    flat = np.column_stack([rng.uniform(-0.04, 0.04, 4000), np.full(4000, 0.02), rng.uniform(-0.06, 0.06, 4000)])
+    held = grip_on(np.vstack([flat, flat * [1.0, -1.0, 1.0]]), 0.04, 75.0)
+    assert held.pad_width == pytest.approx(0.021, abs=1e-3) and held.pad_length == pytest.approx(0.045, abs=2e-3)
+    assert held.centre == pytest.approx((0.0, 0.0, -0.0125), abs=1e-3)
+    upright = grip_on(drum(np.array([0.0, 0.0, 1.0]), 0.02), 0.04, 75.0)
+    assert upright.pad_length > 0.04 and 0.008 < upright.pad_width < 0.013
+    slanted = grip_on(drum(np.array([0.5, 0.0, -np.sqrt(0.75)]), 0.02), 0.04, 75.0)
+    assert slanted.pad_length < 0.6 * upright.pad_length
+    assert (slanted.capacity[3:] < held.capacity[3:]).all(), "about no axis does a strip hold as much as a patch"
+    # Hardly any point where the pads are: what is nearest is taken for it.
+    sparse = grip_on(np.vstack([flat, flat * [1.0, -1.0, 1.0]]), 0.034, 75.0)
+    assert sparse.pad_length == pytest.approx(0.045, abs=2e-3)

@@ -51,9 +51,9 @@ class Tuning:
     friction: float = 0.3
     """Between pad and object that the swinging counts on."""
 
-    shares: tuple[float, ...] = (0.5, 0.8)
-    """Of what the grip carries by that friction, the swinging asks for: the pads hold the slipperiest object with 0.55.
-    What takes more at rest is swung with the second one."""
+    shares: tuple[float, ...] = (0.25, 0.5)
+    """Of what the grip carries by that friction, the swinging asks for: with 0.5 a tapered flask, which the pads touch
+    along a slanted strip, was lost. What takes more at rest is swung with the second one."""
 
     pad_half: float = 0.0105
     """Half of the pads' width [m]."""
@@ -61,8 +61,15 @@ class Tuning:
     pad: tuple[float, float] = (-0.035, 0.010)
     """z of the pads' ends in the tool's frame [m]."""
 
-    pressed: float = 0.008
-    """Points this near to a pad's face are pressed by it [m]."""
+    pressed: tuple[float, ...] = (0.001, 0.008)
+    """Points this near to a pad's face are pressed by it [m]: as far as soft pads give way, and depth errs. Of what is
+    round that is a strip, slanted where it is held so. The second one counts where there are too few."""
+
+    few: int = 12
+    """Points that make a patch."""
+
+    least: float = 0.003
+    """Edge of the smallest patch [m]."""
 
     harmonics: int = 15
     """Of the motion: 1.5 Hz at the most in 10 s."""
@@ -70,8 +77,12 @@ class Tuning:
     clear: float = 0.02
     """Kept from everything while swinging [m]."""
 
-    acceleration: float = 4.0
-    """Over speed limit of each joint [1/s]: what the driver's impedance follows closely."""
+    acceleration: float = 5.0
+    """Over speed limit of each joint [1/s]: 15 rad/s² of an iiwa's wrist, which its driver's impedance follows
+    closely."""
+
+    steps: int = 80
+    """Of the search for the best motion, some 15 s of a core."""
 
     rest: float = 0.3
     """Before and after [s]."""
@@ -124,15 +135,20 @@ def grip_on(points_T: Array, opening: float, force: float) -> Grip:
         opening: between the fingers [m].
         force: with which each presses [N].
     """
-    low, high = TUNING.pad
-    beside = np.abs(np.abs(points_T[:, 1]) - 0.5 * opening) < TUNING.pressed
-    z = points_T[beside & (np.abs(points_T[:, 0]) < TUNING.pad_half), 2]
-    z = z[(z > low) & (z < high)]
-    if len(z) >= 3:
-        low, high = float(z.min()), float(z.max())
-    long = max(high - low, 0.006)
-    middle = (0.0, 0.0, 0.5 * (low + high))
-    return Grip(force, TUNING.friction, 2 * TUNING.pad_half, long, middle, TUNING.shares[0])
+    x, z = points_T[:, 0], points_T[:, 2]
+    under = (np.abs(x) < TUNING.pad_half) & (z > TUNING.pad[0]) & (z < TUNING.pad[1])
+    off = np.abs(np.abs(points_T[:, 1]) - 0.5 * opening)
+    edges = np.array([2.0 * TUNING.pad_half, TUNING.pad[1] - TUNING.pad[0]])
+    middle = np.array([0.0, 0.5 * (TUNING.pad[0] + TUNING.pad[1])])
+    for reach in TUNING.pressed:
+        patch = points_T[under & (off < reach)][:, [0, 2]]
+        if len(patch) >= TUNING.few:
+            # How wide it is at one height, how long at one side: an even rectangle's edges are √12 standard deviations.
+            spread = np.linalg.inv(np.cov(patch.T) + TUNING.least**2 / 12.0 * np.eye(2))
+            edges, middle = np.minimum(np.sqrt(12.0 / np.diag(spread)), edges), patch.mean(axis=0)
+            break
+    centre = (float(middle[0]), 0.0, float(middle[1]))
+    return Grip(force, TUNING.friction, float(edges[0]), float(edges[1]), centre, TUNING.shares[0])
 
 
 def best_motion(
@@ -175,7 +191,7 @@ def best_motion(
                 limits=limits,
                 grip=replace(grip, share=share),
                 clear=lambda q: mover.free(q, TUNING.clear),
-                plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=40),
+                plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=TUNING.steps),
             )
         except WeighingError:
             if share == TUNING.shares[-1]:
