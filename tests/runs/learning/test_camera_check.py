@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from twin_diagram.planning.collision.convex_solids import Box, Solid
-from twin_diagram.runs.learning.camera_check import Faces, check_camera
+from twin_diagram.runs.learning.camera_check import KnownFaces, check_camera
 from twin_diagram.runs.learning.cell import Picture, told_camera
 from twin_diagram.scenario import Camera, Pose
 from twin_diagram.signals.arrays import Array
@@ -42,7 +42,7 @@ def taken(told: Camera, turn: Array, shift: Array, things: list[Solid]) -> Pictu
     """What a camera shows that is off by a turn [rad] and a shift [m]; in it the camera stands as told."""
     view = told_camera(told)
     true = view.moved(Rotation.from_rotvec(turn).as_matrix() @ view.R_WC, view.p_WC + shift)
-    far = Faces.of([*SOLIDS, *things]).hit(true.p_WC, (true.rays() @ true.R_WC.T).reshape(-1, 3))[1]
+    far = KnownFaces.of([*SOLIDS, *things]).hit(true.p_WC, (true.rays() @ true.R_WC.T).reshape(-1, 3))[1]
     depth = np.where(np.isfinite(far), far, 0.0).reshape(told.height, told.width)
     noise = 8e-4 * np.random.default_rng(3).normal(size=depth.shape)
     seen = np.where(depth > 0, depth + noise * depth**2, 0.0).astype(np.float32)
@@ -54,7 +54,9 @@ def test_a_camera_is_found_that_is_off(place: str) -> None:
     told, view = camera(TOLD[place], [0.005, 0.01]), told_camera(camera(TOLD[place], [0.0, 0.0]))
     turn, shift = np.array([0.003, -0.002, 0.004]), np.array([0.0015, -0.001, 0.001])
     # Something that nobody knows lies in the bin, its top near a height that counts.
-    found = check_camera(told, taken(told, turn, shift, [box((0.4, -0.4, 0.04), (0.1, 0.08, 0.08))]), Faces.of(SOLIDS))
+    found = check_camera(
+        told, taken(told, turn, shift, [box((0.4, -0.4, 0.04), (0.1, 0.08, 0.08))]), KnownFaces.of(SOLIDS)
+    )
     assert found is not None
     left = found.camera.R_WC @ view.R_WC.T @ Rotation.from_rotvec(-turn).as_matrix()
     assert np.rad2deg(Rotation.from_matrix(left).magnitude()) < 0.02
@@ -65,7 +67,7 @@ def test_a_camera_is_found_that_is_off(place: str) -> None:
 def test_nothing_is_told_of_a_camera_that_is_trusted_or_sees_nothing_known() -> None:
     told = camera(TOLD["slanted"], [0.005, 0.01])
     picture = taken(told, np.zeros(3), np.zeros(3), [])
-    assert check_camera(replace(told, X_WC_std=[0.0, 0.0]), picture, Faces.of(SOLIDS)) is None
-    assert check_camera(told, picture, Faces.of([])) is None
+    assert check_camera(replace(told, X_WC_std=[0.0, 0.0]), picture, KnownFaces.of(SOLIDS)) is None
+    assert check_camera(told, picture, KnownFaces.of([])) is None
     blind = replace(picture, depth=np.zeros_like(picture.depth))
-    assert check_camera(told, blind, Faces.of(SOLIDS)) is None
+    assert check_camera(told, blind, KnownFaces.of(SOLIDS)) is None

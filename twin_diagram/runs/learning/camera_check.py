@@ -51,7 +51,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Faces:
+class KnownFaces:
     """Rectangles in W that do not move: middles, outward normals, both directions along them (F, 3), half sizes (F, 2).
 
     Attributes:
@@ -67,7 +67,7 @@ class Faces:
     half: Array
 
     @staticmethod
-    def of(solids: Sequence[Solid]) -> Faces:
+    def of(solids: Sequence[Solid]) -> KnownFaces:
         """Return the faces of all boxes among some solids in W."""
         rows: list[tuple[Array, Array, Array, Array]] = []
         for box in (solid for solid in solids if isinstance(solid, Box)):
@@ -78,9 +78,9 @@ class Faces:
                     along = np.stack([box.R_GB[:, a], box.R_GB[:, b]])
                     rows.append((box.p_GB + box.half[axis] * normal, normal, along, box.half[[a, b]]))
         if not rows:
-            return Faces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
+            return KnownFaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros((0, 2)))
         middle, normal, along, half = (np.array(column) for column in zip(*rows, strict=True))
-        return Faces(middle, normal, along, half)
+        return KnownFaces(middle, normal, along, half)
 
     def hit(self, eye: Array, rays: Array) -> tuple[npt.NDArray[np.int64], Array]:
         """Return which face rays (N, 3) from an eye (3,) meet first (N,), -1: none, and how many rays away (N,)."""
@@ -116,7 +116,7 @@ class Correction:
 
 
 def correct_cameras(
-    cell: Cell, learning: Learning, cameras: Mapping[str, Camera], faces: Faces
+    cell: Cell, learning: Learning, cameras: Mapping[str, Camera], faces: KnownFaces
 ) -> list[dict[str, str | float]]:
     """Have a cell see by where its cameras truly stand; return how far each is off what was told.
 
@@ -136,7 +136,7 @@ def correct_cameras(
     return told
 
 
-def check_camera(told: Camera, picture: Picture, faces: Faces) -> Correction | None:
+def check_camera(told: Camera, picture: Picture, faces: KnownFaces) -> Correction | None:
     """Return where a camera stands by one picture; None: the picture shows too little that is known.
 
     Args:
@@ -160,7 +160,9 @@ def check_camera(told: Camera, picture: Picture, faces: Faces) -> Correction | N
     return Correction(camera, depth, float(np.linalg.norm(camera.p_WC - view.p_WC)), turn, points)
 
 
-def known_surfaces(camera: ViewCamera, depth: Array, scale: float, faces: Faces, border: int) -> list[KnownSurface]:
+def known_surfaces(
+    camera: ViewCamera, depth: Array, scale: float, faces: KnownFaces, border: int
+) -> list[KnownSurface]:
     """Return what a picture shows of each face, by pixels that can be of no other.
 
     Args:

@@ -25,7 +25,7 @@ from twin_diagram.runs.learning.bin_view import (
     wall_points,
     why_not,
 )
-from twin_diagram.runs.learning.camera_check import Faces
+from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import NothingHeld, display
@@ -94,7 +94,7 @@ class Tools:
     home: Array
     model: Model
     cameras: Mapping[str, Camera]
-    faces: Faces
+    faces: KnownFaces
 
 
 @dataclass

@@ -19,7 +19,7 @@ from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
-from twin_diagram.runs.learning.camera_check import Faces, correct_cameras
+from twin_diagram.runs.learning.camera_check import KnownFaces, correct_cameras
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
@@ -71,7 +71,7 @@ def tools_of(scenario: Scenario, learning: Learning) -> Tools:
     model = Model.load(twin.arm, packages, torque_side=twin.driver.torque_side)
     mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
     home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
-    faces = Faces.of([solid for _, solids in fixture_solids(twin.fixtures, packages) for solid in solids])
+    faces = KnownFaces.of([solid for _, solids in fixture_solids(twin.fixtures, packages) for solid in solids])
     return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model, twin.cameras, faces)
 
 
