@@ -78,7 +78,7 @@ class Tuning:
     smooth: float = 1.5
     """σ with which an outline is smoothed for its normals [cells]."""
 
-    off_walls: float = 0.003
+    off_walls: float = 0.006
     """By which they count as nearer than they are [m]: the arm sags by two millimetres, and calibration is off."""
 
     walls: float = 0.008

@@ -343,9 +343,7 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> P
         except NoWay as error:
             why = error
             continue
-        extent = np.ptp(points_T @ R_WT.T, axis=0)
-        radius = 0.5 * float(np.hypot(extent[0], extent[1]))
-        put = PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+        put = PutDown.standing(points_T, R_WT, place)
         keep_clear(tools, [*standing, put])
         return put
     raise why

@@ -201,7 +201,7 @@ class Learner:
             with self._stage(name, "put away"):
                 self._in_bin = False
                 put = handling.put_away(self.tools, shown, self._standing())
-                one.standing = [*put.place, put.radius, put.top]
+                one.standing = put.numbers()
             empty = self.record.folder / SWUNG
             if shown.swung is not None and not empty.is_file():
                 with self._stage(name, "swing the empty hand"):
@@ -251,7 +251,7 @@ class Learner:
 
     def _standing(self) -> list[PutDown]:
         """Return what stands in the other bin."""
-        return [PutDown((s[0], s[1]), s[2], s[3]) for one in self.state.learned if (s := one.standing)]
+        return [PutDown.of_numbers(one.standing) for one in self.state.learned if one.standing]
 
     def _seek(self, one: Learned) -> None:
         """Look for what was lost where the cameras see, and put it away; what cannot be had is told with a picture."""
@@ -259,7 +259,7 @@ class Learner:
             found, picture = seek(self.tools, self._standing())
             told["outcome"] = found.told
         if found.put is not None:
-            one.standing = [*found.put.place, found.put.radius, found.put.top]
+            one.standing = found.put.numbers()
             one.why += f"; {found.told}"
         elif found.thing is not None:
             handling.save_picture(self.record.folder / one.picture, picture, found.thing, found.told)
@@ -284,7 +284,7 @@ class Learner:
         try:
             fell = handling.let_go(self.tools)
             if fell is not None:
-                one.standing = [*fell.place, fell.radius, fell.top]
+                one.standing = fell.numbers()
                 one.why += "; it was let fall into the other bin"
         except NoWay as why:  # the next look into the bin tries the way home again, and ends the run if there is none
             one.why += f"; then the arm could not go home: {why}"

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
@@ -41,6 +42,15 @@ class Tuning:
     room: float = 0.01
     """Between what is set down beside one another [m]."""
 
+    wide: float = 0.04
+    """More than this between them is no better [m]: open fingers have room."""
+
+    cell: float = 0.01
+    """Edge of the squares in which a bin's bottom is looked at [m]."""
+
+    places: int = 36
+    """In a bin that are tried."""
+
     one_side: float = 0.97
     """Cosine of normals from which faces of a hull are one side: 14°."""
 
@@ -62,15 +72,66 @@ TUNING = Tuning()
 
 @dataclass(frozen=True)
 class PutDown:
-    """Something that was set down: its middle (2,), radius and top in W [m]."""
+    """Something that was set down.
+
+    Attributes:
+        place: (2,) its middle in W [m].
+        radius: of the circle about it [m].
+        top: height of its highest point [m].
+        cells: (x, y) of points all over what is below it [m]; none: all of the circle is.
+    """
 
     place: tuple[float, float]
     radius: float
     top: float
+    cells: tuple[tuple[float, float], ...] = ()
+
+    @staticmethod
+    def standing(points_T: Array, R_WT: Array, place: Array) -> PutDown:
+        """Return it of what was set down.
+
+        Args:
+            points_T: (N, 3) of it in the tool's frame [m].
+            R_WT: (3, 3) the tool's axes in which it stands, but for the turn about the vertical.
+            place: (4,) where, of `places_in`.
+        """
+        under = footprint(points_T, turned(R_WT, float(place[3]))) + place[:2]
+        radius = 0.5 * float(np.hypot(*np.ptp(under, axis=0)))
+        top = float(place[2] + np.ptp(points_T @ R_WT[2]))
+        return PutDown((float(place[0]), float(place[1])), radius, top, tuple((float(x), float(y)) for x, y in under))
+
+    def numbers(self) -> list[float]:
+        """Return it as a row, for a file."""
+        return [*self.place, self.radius, self.top, *(value for cell in self.cells for value in cell)]
+
+    @staticmethod
+    def of_numbers(row: Sequence[float]) -> PutDown:
+        """Return the inverse of `numbers`."""
+        return PutDown((row[0], row[1]), row[2], row[3], tuple(zip(row[4::2], row[5::2], strict=True)))
+
+
+def footprint(points_T: Array, R_WT: Array) -> Array:
+    """Return (x, y) of cells (N, 2) below what is held, about the middle of the box about it [m].
+
+    Args:
+        points_T: (N, 3) of it in the tool's frame [m].
+        R_WT: (3, 3) the tool's axes.
+    """
+    flat = (points_T @ R_WT.T)[:, :2]
+    flat = flat - 0.5 * (flat.min(axis=0) + flat.max(axis=0))
+    cells = np.unique(np.round(flat / TUNING.cell).astype(np.int64), axis=0)
+    span = int(np.abs(cells).max(initial=0)) + 1
+    full = np.zeros((2 * span + 1, 2 * span + 1), dtype=bool)
+    full[tuple((cells + span).T)] = True
+    # What lies in between was not seen, or is hollow: nothing else goes there.
+    full = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(full, 3), iterations=3))
+    return np.asarray((np.argwhere(full) - span - 3) * TUNING.cell)
 
 
 def outline(one: PutDown) -> Array:
-    """Return points (N, 3) at the top of something that was set down, all over the circle that holds it [m]."""
+    """Return points (N, 3) at the top of something that was set down, all over what is below it [m]."""
+    if one.cells:
+        return np.array([[x, y, one.top] for x, y in one.cells])
     across = np.arange(-one.radius, one.radius + 1e-9, TUNING.spot)
     x, y = (grid.ravel() for grid in np.meshgrid(across, across))
     inside = np.hypot(x, y) <= one.radius
@@ -142,7 +203,7 @@ def set_down(
         cell: whose arm holds it.
         points_T: (N, 3) of it in the tool's frame [m].
         R_WT: (3, 3) the tool's axes in which it stood; turns about the vertical are free.
-        places: (3,) each: x, y and the support's height [m].
+        places: (3,) each: x, y and the support's height [m]; (4,): and the one turn about the vertical that may be.
         yaws: turns about the vertical that may be [rad]; None: any.
 
     Returns:
@@ -154,7 +215,7 @@ def set_down(
     every = np.arange(TUNING.turns) * (2.0 * np.pi / TUNING.turns) if yaws is None else np.asarray(yaws)
     last = NoWay("no place to set it down is reached")
     for place in places:
-        for yaw in every:
+        for yaw in every if len(place) == 3 else place[3:]:
             X = pose_over(points_T, turned(R_WT, float(yaw)), place[:2], float(place[2]) + TUNING.gap)
             above = X.copy()
             above[2, 3] += TUNING.above
@@ -204,31 +265,51 @@ def way_back(mover: Mover, q: Array) -> Array:
 
 
 def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Array, R_WT: Array) -> list[Array]:
-    """Return places (3,) in a bin for what is held, the best first: beside others before upon them.
+    """Return places (4,) in a bin for what is held, the best first: x, y, height of the support [m], turn [rad].
+
+    Beside others before upon them, and far from the middle, which leaves room for more.
 
     Args:
         low: (3,) lowest corner of the bin's inside [m].
         high: (3,) its highest.
         standing: what was set down there.
         points_T: (N, 3) of what is held in the tool's frame [m].
-        R_WT: (3, 3) the tool's axes in which it stands.
+        R_WT: (3, 3) the tool's axes in which it stands, but for the turn about the vertical.
     """
-    extent = np.ptp(cloud_cells(points_T @ R_WT.T, 0.01), axis=0)
-    radius = 0.5 * float(np.hypot(extent[0], extent[1]))
-    inner = min(radius, 0.45 * float(min(high[0] - low[0], high[1] - low[1])))
-    xs = np.arange(low[0] + inner, high[0] - inner + 1e-9, TUNING.spot)
-    ys = np.arange(low[1] + inner, high[1] - inner + 1e-9, TUNING.spot)
+    held, edge = cloud_cells(points_T, TUNING.cell), int(np.ceil(TUNING.room / TUNING.cell))
+    count = np.floor((high - low)[:2] / TUNING.cell).astype(np.int64) + 1
+    height = np.full(count, low[2])
+    for one in standing:
+        at = np.round((outline(one)[:, :2] - low[:2]) / TUNING.cell).astype(np.int64)
+        at = at[((at >= 0) & (at < count)).all(axis=1)]
+        height[tuple(at.T)] = np.maximum(height[tuple(at.T)], one.top)
+    far = TUNING.cell * ndimage.distance_transform_edt(height <= low[2]) if standing else np.full(count, TUNING.wide)
+    height = ndimage.maximum_filter(height, 2 * edge + 1)
+    middle = 0.5 * (low + high)[:2]
     found: list[tuple[float, Array]] = []
-    for x in xs:
-        for y in ys:
-            support = low[2]
-            room = 1.0
-            for one in standing:
-                apart = float(np.hypot(x - one.place[0], y - one.place[1])) - one.radius - radius
-                room = min(room, apart)
-                if apart < TUNING.room:
-                    support = max(support, one.top)
-            middle = float(np.hypot(x - 0.5 * (low[0] + high[0]), y - 0.5 * (low[1] + high[1])))
-            found.append((10.0 * (support - low[2]) - 0.2 * min(room, 0.1) + 0.05 * middle, np.array([x, y, support])))
+    for k in range(TUNING.turns):
+        yaw = k * (2.0 * np.pi / TUNING.turns)
+        cells = np.round(footprint(held, turned(R_WT, yaw)) / TUNING.cell).astype(np.int64)
+        span = np.abs(cells).max(axis=0)
+        mask = np.zeros(2 * span + 1, dtype=bool)
+        mask[tuple((cells + span).T)] = True
+        support = ndimage.maximum_filter(height, footprint=mask, mode="constant", cval=np.inf)
+        room = np.minimum(ndimage.minimum_filter(far, footprint=mask), TUNING.wide)
+        for i, j in np.argwhere(np.isfinite(support))[::2]:
+            place = low[:2] + TUNING.cell * np.array([i, j])
+            cost = 10.0 * (support[i, j] - low[2]) - room[i, j] - 0.1 * float(np.linalg.norm(place - middle))
+            found.append((cost, np.array([*place, support[i, j], yaw])))
     found.sort(key=lambda entry: entry[0])
-    return [place for _, place in found[:12]]
+    return spread_out([place for _, place in found])
+
+
+def spread_out(places: Sequence[Array]) -> list[Array]:
+    """Return the first few of places (4,) that are not nearly another one at the same turn: one tells of both."""
+    kept: list[Array] = []
+    for place in places:
+        off = [float(np.hypot(*(place - other)[:2])) for other in kept if other[3] == place[3]]
+        if min(off, default=np.inf) >= TUNING.spot - 1e-9:
+            kept.append(place)
+        if len(kept) == TUNING.places:
+            break
+    return kept
