@@ -127,6 +127,17 @@ def test_what_turned_in_the_hand_can_be_set_down_all_the_same() -> None:
     assert any(R[2, 2] < -0.99 and np.ptp(tilted @ R[2]) == pytest.approx(0.04) for R in resting(tilted, as_it_stood))
 
 
+def test_what_leans_as_it_stood_is_set_down_on_its_nearest_side() -> None:
+    corners = np.array(np.meshgrid([-0.02, 0.02], [-0.06, 0.06], [0.0, 0.09])).reshape(3, -1).T
+    c, s = np.cos(0.55), np.sin(0.55)
+    leaning = DOWN @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    first = resting(corners, leaning)[0]
+    assert np.sort(corners @ first[2])[:4] == pytest.approx(-0.09)
+    assert np.arccos(0.5 * (np.trace(leaning.T @ first) - 1.0)) == pytest.approx(0.55)
+    slightly = DOWN @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -0.1], [0.0, 0.1, 1.0]]) / np.sqrt(1.01)
+    assert resting(corners, slightly)[0] is slightly
+
+
 def test_points_on_one_plane_rest_as_they_stood() -> None:
     flat = np.random.default_rng(0).uniform(-0.05, 0.05, (50, 3)) * [1.0, 1.0, 0.0]
     assert len(resting(flat, DOWN)) == 1

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import regrasping
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.picking import Taken
-from twin_diagram.runs.learning.regrasping import take_again
+from twin_diagram.runs.learning.regrasping import fallen_pose, take_again
 from twin_diagram.scenario import Learning
 
 AT = np.array([0.52, 0.0, 0.06])
@@ -51,3 +52,31 @@ def test_the_picture_alone_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -
     assert asked[:3] == [0, 0, 0] and min(asked[3:]) > 0 and len(asked) == 5
     assert found is not None
     np.testing.assert_allclose(found[1], np.linalg.inv(X_WS), atol=2e-3)
+
+
+def test_what_tipped_over_is_found_on_its_new_side() -> None:
+    """A block of 4 x 6 x 10 cm, on its largest side now, turned by 70° and 3 cm aside."""
+    rng = np.random.default_rng(4)
+    size = np.array([0.04, 0.06, 0.10])
+    points, normals = [], []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            face = rng.uniform(-0.5, 0.5, (700, 3)) * size
+            face[:, axis] = 0.5 * sign * size[axis]
+            points.append(face)
+            normals.append(np.tile(sign * np.eye(3)[axis], (700, 1)))
+    cloud, outward = np.concatenate(points), np.concatenate(normals)
+    seen = Followed(points=cloud, normals=outward)
+    thought, true = np.eye(4), np.eye(4)
+    thought[:3, 3] = AT + [0.0, 0.0, 0.05]
+    true[:3, :3] = Rotation.from_euler("ZY", [70, 90], degrees=True).as_matrix()
+    true[:3, 3] = AT + [0.03, -0.01, 0.02]
+    placed, facing = cloud @ true[:3, :3].T + true[:3, 3], outward @ true[:3, :3].T
+    shown = np.flatnonzero(np.einsum("ni,ni->n", facing, np.array([1.15, 0.0, 0.62]) - placed) > 0.0)
+    shown = rng.permutation(shown)[:1200]
+    noisy = placed[shown] + 5e-4 * rng.normal(size=(len(shown), 3))
+    X_SW, share = fallen_pose(seen, noisy, facing[shown], thought, 0.06)
+    assert share > 0.9
+    back = noisy @ X_SW[:3, :3].T + X_SW[:3, 3]
+    assert (np.abs(np.abs(back) - 0.5 * size).min(axis=1) < 3e-3).mean() > 0.97
+    assert (np.abs(back) < 0.5 * size + 3e-3).all()

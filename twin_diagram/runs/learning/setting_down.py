@@ -54,6 +54,10 @@ class Tuning:
     one_side: float = 0.97
     """Cosine of normals from which faces of a hull are one side: 14°."""
 
+    leaning: float = 0.25
+    """An object whose nearest side is so far from level does not stand on it [rad]: as far as normals of one side are
+    apart."""
+
     sides: int = 8
     """Of a hull, on which it is tried."""
 
@@ -162,31 +166,41 @@ def pose_over(points_T: Array, R_WT: Array, place: Array, height: float) -> Arra
 def resting(points_T: Array, R_WT: Array) -> list[Array]:
     """Return axes (3, 3) of the tool in which what it holds stands, the surest first: as it stood, then on other sides.
 
-    The sides are those of the hull of what was seen of it, by their area; its middle is over each of them.
+    What leans as it stood, by more than sides are alike, has turned in the hand, or leant on something: it comes last.
 
     Args:
         points_T: (N, 3) of the object in the tool's frame [m].
         R_WT: (3, 3) in which it stood.
     """
-    found = [R_WT]
+    sides = hull_sides(points_T)
+    found = [R for R in (downwards(R_WT, normal) for normal in sides) if -R[2, 2] > TUNING.steepest]
+    lean = [float(np.arccos(np.clip(-(R_WT @ normal)[2], -1.0, 1.0))) for normal in sides]
+    if min(lean, default=0.0) <= TUNING.leaning:
+        return [R_WT, *found]
+    turned_by = [float(np.arccos(np.clip((np.trace(R_WT.T @ R) - 1.0) / 2.0, -1.0, 1.0))) for R in found]
+    return [*(found[k] for k in np.argsort(turned_by)), R_WT]
+
+
+def hull_sides(points: Array) -> list[Array]:
+    """Return the outward normals (3,) of sides on which points (N, 3) can stand, the largest first.
+
+    They are those of their hull; its middle is over each of them.
+    """
+    sides: list[tuple[Array, float]] = []
     with contextlib.suppress(QhullError, ValueError):
-        hull = ConvexHull(points_T)
-        sides: list[tuple[Array, float]] = []
-        corners = points_T[hull.simplices]
+        hull = ConvexHull(points)
+        corners = points[hull.simplices]
         areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         for k in np.argsort(-areas):
             normal = hull.equations[k, :3]
             if all(float(normal @ other) < TUNING.one_side for other, _ in sides):
                 alike = hull.equations[:, :3] @ normal > TUNING.one_side
                 sides.append((normal, float(areas[alike].sum())))
-        for normal, area in sorted(sides, key=lambda side: -side[1])[: TUNING.sides]:
-            R = _downwards(R_WT, normal)
-            if area > TUNING.least_side and -R[2, 2] > TUNING.steepest:
-                found.append(R)
-    return found
+    largest = sorted(sides, key=lambda side: -side[1])[: TUNING.sides]
+    return [normal for normal, area in largest if area > TUNING.least_side]
 
 
-def _downwards(R_WT: Array, normal_T: Array) -> Array:
+def downwards(R_WT: Array, normal_T: Array) -> Array:
     """Return the tool's axes (3, 3) nearest to some in which a direction (3,) of its frame points down."""
     now = R_WT @ normal_T
     turn, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [now])
