@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from twin_diagram.estimation.weighing import Grip
 from twin_diagram.logs.measured_log import Log
-from twin_diagram.runs.learning.weighing import Swung, grip_on, read_swung, slipped, write_swung
+from twin_diagram.runs.learning.weighing import Swung, grip_on, read_swung, share_of, slipped, write_swung
 from twin_diagram.signals.arrays import Array
 
 
@@ -67,3 +68,12 @@ def test_pads_hold_a_flat_thing_all_over_and_a_round_one_along_a_strip() -> None
     # Hardly any point where the pads are: what is nearest is taken for it.
     sparse = grip_on(np.vstack([flat, flat * [1.0, -1.0, 1.0]]), 0.034, 75.0)
     assert sparse.pad_length == pytest.approx(0.045, abs=2e-3)
+
+
+def test_what_takes_much_of_the_grip_at_rest_is_swung_with_more_of_it() -> None:
+    grip = Grip(75.0, 0.3, 0.02, 0.04, (0.0, 0.0, -0.01), 0.25)
+    assert share_of(grip, 0.3, np.array([0.0, 0.0, 0.03])) == 0.25, "it hangs straight below"
+    slide, turn = grip.capacity[0], grip.capacity[4]
+    beside = share_of(grip, 1.0, np.array([0.05, 0.0, 0.03]))
+    assert beside == pytest.approx(1.5 * np.hypot(9.81 / slide, 9.81 * 0.05 / turn))
+    assert share_of(grip, 2.0, np.array([0.3, 0.0, 0.03])) == 2.5, "there is an end to it"

@@ -24,7 +24,7 @@ from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
-from twin_diagram.runs.learning.finishing import write_learned
+from twin_diagram.runs.learning.finishing import figures_of, seen_so_far, write_learned
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
@@ -223,10 +223,7 @@ class Learner:
             self._note_failure(one, picked.thing.middle)
         self._handled += 1
         one.grasps = len(shown.X_ST)
-        if shown.seen_shares:
-            one.figures |= plain({"seen_share": shown.seen_shares[-1], "seen_after_grasps": shown.seen_shares})
-        slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
-        one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})
+        one.figures |= plain(figures_of(shown))
         self.state.learned.append(one)
 
     def _show_again(self, name: str, shown: ShownObject) -> None:
@@ -236,18 +233,24 @@ class Learner:
             NothingHeld: it is no longer in the hand.
         """
         while asks_for_more(len(shown.X_ST), shown.seen_shares, self.tools.learning):
-            self._in_bin = False
-            try:
-                with self._stage(name, "display again") as told:
-                    told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
-                    told.update(seen_so_far(shown))
-            except NoWay as why:
-                if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
-                    raise NothingHeld(f"it was set down, and then: {why}") from why
-                shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
+            if not self._once_more(name, shown):
                 return
-            if told["outcome"] != "shown":
-                raise NothingHeld("it could not be taken from the platform again")
+
+    def _once_more(self, name: str, shown: ShownObject) -> bool:
+        """Show an object in another grasp; whether that was to be had; raises as `_show_again`."""
+        self._in_bin = False
+        try:
+            with self._stage(name, "display again") as told:
+                told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
+                told.update(seen_so_far(shown))
+        except NoWay as why:
+            if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
+                raise NothingHeld(f"it was set down, and then: {why}") from why
+            shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
+            return False
+        if told["outcome"] != "shown":
+            raise NothingHeld("it could not be taken from the platform again")
+        return True
 
     def _standing(self) -> list[PutDown]:
         """Return what stands in the other bin."""
@@ -266,14 +269,19 @@ class Learner:
             one.why += f"; {found.told}"
 
     def _weigh(self, name: str, shown: ShownObject, folder: Path) -> None:
-        """Swing what is held; where that cannot be, its inertia will be told from its shape alone."""
-        try:
-            with self._stage(name, "weigh") as told:
-                told["mass"] = handling.weigh_held(self.tools, shown, folder)
-                assert shown.swung is not None
-                told["use"] = shown.swung.use
-        except (NoWay, WeighingError) as why:
-            shown.notes.append(f"not weighed: {why}")
+        """Swing what is held, in another grasp where this one hardly holds it; or else its shape alone tells of it."""
+        for last in (False, True):
+            try:
+                with self._stage(name, "weigh") as told:
+                    told["mass"] = handling.weigh_held(self.tools, shown, folder)
+                    assert shown.swung is not None
+                    told["use"] = shown.swung.use
+                return
+            except (NoWay, WeighingError) as why:
+                shown.notes.append(f"not weighed: {why}")
+                firmer = isinstance(why, WeighingError) and len(shown.X_ST) < self.tools.learning.most_grasps
+                if last or not firmer or not self._once_more(name, shown):
+                    return
 
     def _let_go(self, one: Learned) -> None:
         """Leave the hand empty and the arm at home after something went wrong; keep a picture of it."""
@@ -305,8 +313,7 @@ class Learner:
     def _report(self, picture: Picture, thing: SeenThing, why: str) -> None:
         """Note something that cannot be taken, with a picture."""
         number = 1 + sum(one.state == "reported" for one in self.state.learned)
-        name = f"reported_{number:02d}"
-        file = f"reported/{number:02d}.png"
+        name, file = f"reported_{number:02d}", f"reported/{number:02d}.png"
         handling.save_picture(self.record.folder / file, picture, thing, why)
         self.state.learned.append(Learned(name, "reported", why, picture=file))
         self.state.given_up.append(thing.middle.tolist())
@@ -367,15 +374,8 @@ class Learner:
 
     def remaining(self) -> float:
         """Return how long the bin's objects will take, by those so far [s of wall clock]."""
-        done = self._handled
-        each = (time.monotonic() - self._begun) / done if done else TUNING.usual
+        each = (time.monotonic() - self._begun) / self._handled if self._handled else TUNING.usual
         return each * self._left
-
-
-def seen_so_far(shown: ShownObject) -> dict[str, float]:
-    """Return figures of what was shown of an object, for the events."""
-    so_far = {"pictures": len(shown.followed.shown), "slips": len(shown.followed.slips)}
-    return so_far | ({"seen_share": shown.seen_shares[-1]} if shown.seen_shares else {})
 
 
 def finish(record: LearningRecord, one: Learned, model: Model) -> None:

@@ -51,10 +51,16 @@ class Tuning:
     friction: float = 0.3
     """Between pad and object that the swinging counts on."""
 
-    shares: tuple[float, ...] = (0.25, 0.5, 0.9, 1.5)
+    share: float = 0.25
     """Of what the grip carries by that friction, the swinging asks for: with 0.5 a tapered flask, which the pads touch
-    along a slanted strip, was lost. What takes more at rest is swung with the first one that it allows: it was turned
-    to all sides before and has not fallen, and the pads hold the slipperiest object with a friction of 0.55."""
+    along a slanted strip, was lost."""
+
+    beyond_rest: float = 1.5
+    """How many times what an object takes of the grip at rest the swinging may take, where that is more: it was turned
+    to all sides before and has not fallen."""
+
+    most: float = 2.5
+    """The same share at most: friction on the pads is up to 0.9."""
 
     pad_half: float = 0.0105
     """Half of the pads' width [m]."""
@@ -149,7 +155,7 @@ def grip_on(points_T: Array, opening: float, force: float) -> Grip:
             edges, middle = np.minimum(np.sqrt(12.0 / np.diag(spread)), edges), patch.mean(axis=0)
             break
     centre = (float(middle[0]), 0.0, float(middle[1]))
-    return Grip(force, TUNING.friction, float(edges[0]), float(edges[1]), centre, TUNING.shares[0])
+    return Grip(force, TUNING.friction, float(edges[0]), float(edges[1]), centre, TUNING.share)
 
 
 def best_motion(
@@ -182,22 +188,30 @@ def best_motion(
     X_TO[:3, 3] = X_TS[:3, :3] @ (0.5 * (low + high)) + X_TS[:3, 3]
     limits = MotionLimits.of(model, acceleration=TUNING.acceleration * np.asarray(model.velocity_limit))
     grip = grip_on(points_S @ X_TS[:3, :3].T + X_TS[:3, 3], cell.opening, cell.force)
-    for share in TUNING.shares:
-        try:
-            return optimise_excitation(
-                model,
-                RigidTransform(X_TO),
-                Shape.box(high - low).even(mass),
-                posture,
-                limits=limits,
-                grip=replace(grip, share=share),
-                clear=lambda q: mover.free(q, TUNING.clear),
-                plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=TUNING.steps),
-            )
-        except WeighingError:
-            if share == TUNING.shares[-1]:
-                raise
-    raise AssertionError("one share at least is tried")
+    return optimise_excitation(
+        model,
+        RigidTransform(X_TO),
+        Shape.box(high - low).even(mass),
+        posture,
+        limits=limits,
+        grip=replace(grip, share=share_of(grip, mass, X_TO[:3, 3])),
+        clear=lambda q: mover.free(q, TUNING.clear),
+        plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=TUNING.steps),
+    )
+
+
+def share_of(grip: Grip, mass: float, centre_T: Array) -> float:
+    """Return the share of what a grip carries that swinging may ask for.
+
+    Args:
+        grip: that holds it.
+        mass: of what hangs in it [kg], the tool pointing down.
+        centre_T: (3,) its middle in the tool's frame [m].
+    """
+    force = np.array([0.0, 0.0, 9.81 * mass])
+    wrench = np.concatenate([force, np.cross(centre_T - np.array(grip.centre), force)])
+    at_rest = float(replace(grip, share=1.0).use(wrench[None])[0])
+    return float(np.clip(TUNING.beyond_rest * at_rest, TUNING.share, TUNING.most))
 
 
 def swing_held(
