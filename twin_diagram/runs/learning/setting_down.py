@@ -42,14 +42,17 @@ class Tuning:
     room: float = 0.01
     """Between what is set down beside one another [m]."""
 
-    wide: float = 0.04
-    """More than this between them is no better [m]: open fingers have room."""
+    wide: float = 0.08
+    """More than this between them is no better [m]: the hand has room beside what is taller."""
 
     cell: float = 0.01
     """Edge of the squares in which a bin's bottom is looked at [m]."""
 
-    places: int = 36
-    """In a bin that are tried."""
+    places: int = 150
+    """In a bin that are tried: 50 ms each. Beside tall things the hand finds no room at most of those on the floor."""
+
+    apart: float = 0.03
+    """Between places that are tried at the same turn [m]."""
 
     one_side: float = 0.97
     """Cosine of normals from which faces of a hull are one side: 14°."""
@@ -281,7 +284,8 @@ def way_back(mover: Mover, q: Array) -> Array:
 def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Array, R_WT: Array) -> list[Array]:
     """Return places (4,) in a bin for what is held, the best first: x, y, height of the support [m], turn [rad].
 
-    Beside others before upon them, and far from the middle, which leaves room for more.
+    Beside others before upon them, there where what it stands on is even, and far from the middle, which leaves room for
+    more.
 
     Args:
         low: (3,) lowest corner of the bin's inside [m].
@@ -309,9 +313,11 @@ def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Ar
         mask[tuple((cells + span).T)] = True
         support = ndimage.maximum_filter(height, footprint=mask, mode="constant", cval=np.inf)
         room = np.minimum(ndimage.minimum_filter(far, footprint=mask), TUNING.wide)
+        hollow = support - ndimage.minimum_filter(height, footprint=mask)
         for i, j in np.argwhere(np.isfinite(support))[::2]:
             place = low[:2] + TUNING.cell * np.array([i, j])
-            cost = 10.0 * (support[i, j] - low[2]) - room[i, j] - 0.1 * float(np.linalg.norm(place - middle))
+            cost = 10.0 * (support[i, j] - low[2]) + 10.0 * hollow[i, j] - room[i, j]
+            cost -= 0.1 * float(np.linalg.norm(place - middle))
             found.append((cost, np.array([*place, support[i, j], yaw])))
     found.sort(key=lambda entry: entry[0])
     return spread_out([place for _, place in found])
@@ -322,7 +328,7 @@ def spread_out(places: Sequence[Array]) -> list[Array]:
     kept: list[Array] = []
     for place in places:
         off = [float(np.hypot(*(place - other)[:2])) for other in kept if other[3] == place[3]]
-        if min(off, default=np.inf) >= TUNING.spot - 1e-9:
+        if min(off, default=np.inf) >= TUNING.apart - 1e-9:
             kept.append(place)
         if len(kept) == TUNING.places:
             break
