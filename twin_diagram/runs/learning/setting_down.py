@@ -284,8 +284,7 @@ def way_back(mover: Mover, q: Array) -> Array:
 def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Array, R_WT: Array) -> list[Array]:
     """Return places (4,) in a bin for what is held, the best first: x, y, height of the support [m], turn [rad].
 
-    Beside others before upon them, there where what it stands on is even, and far from the middle, which leaves room for
-    more.
+    Beside others before upon them, there where what it stands on is even; far from the middle, to leave room for more.
 
     Args:
         low: (3,) lowest corner of the bin's inside [m].
