@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
@@ -272,3 +274,18 @@ def downward(grasps: Grasps) -> Array:
 def filled(mask: Array) -> Array:
     """Return a mask with its holes closed."""
     return np.asarray(ndimage.binary_fill_holes(mask))
+
+
+def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:
+    """Write a picture with a box about a thing and a line of text: what a report shows."""
+    image = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR)
+    if thing is not None:
+        (v0, u0), (v1, u1) = thing.pixels.min(axis=0) - 4, thing.pixels.max(axis=0) + 4
+        cv2.rectangle(image, (int(u0), int(v0)), (int(u1), int(v1)), (40, 40, 230), 2)
+    cv2.putText(
+        image, text.encode("ascii", "replace").decode(), (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    good, data = cv2.imencode(".png", image)
+    assert good
+    path.write_bytes(data.tobytes())

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-import cv2
 import numpy as np
 
 from twin_diagram.estimation.weighing import Excitation
@@ -194,14 +193,22 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
         NoWay, NothingHeld: see `display`.
     """
     assert picked.taken is not None
-    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, 0)
-    followed = follow(Followed(), pictures, np.eye(4))
-    R_WS_lying = picked.taken.X_WT[:3, :3]  # S is the tool's frame, and it has not been turned since it was taken
+    # S is the tool's frame in the first picture, and it has not been turned since it was taken.
+    followed, R_WS = _followed(tools), picked.taken.X_WT[:3, :3]
     result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.opening])
-    result.R_WT = R_WS_lying @ followed.X_ST[-1][:3, :3]
+    result.R_WT = R_WS @ followed.X_ST[-1][:3, :3]
     hold_seen(tools, result)
+    if followed.slips and len((calm := _followed(tools)).slips) < len(followed.slips):
+        # By now it hangs as it will stay; pictures from while it slid fit each other less well.
+        result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.opening], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])
+        hold_seen(tools, result)
     look_over(tools, result)
     return result
+
+
+def _followed(tools: Tools) -> Followed:
+    """Show what is held for the first time, and follow it."""
+    return follow(Followed(), display(tools.mover, tools.cell, tools.learning, tools.robot, 0), np.eye(4))
 
 
 def look_over(tools: Tools, shown: ShownObject) -> None:
@@ -379,18 +386,3 @@ def let_go(tools: Tools) -> PutDown | None:
 def write_frames(folder: Path, shown: ShownObject) -> None:
     """Write the pictures with poses in S and masks of object and hand, as reconstruction backends read them."""
     write_transforms(folder, *posed_frames(shown.followed))
-
-
-def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:
-    """Write a picture with a box about a thing and a line of text: what a report shows."""
-    image = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR)
-    if thing is not None:
-        (v0, u0), (v1, u1) = thing.pixels.min(axis=0) - 4, thing.pixels.max(axis=0) + 4
-        cv2.rectangle(image, (int(u0), int(v0)), (int(u1), int(v1)), (40, 40, 230), 2)
-    cv2.putText(
-        image, text.encode("ascii", "replace").decode(), (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1
-    )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    good, data = cv2.imencode(".png", image)
-    assert good
-    path.write_bytes(data.tobytes())

@@ -18,7 +18,7 @@ from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling
-from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.bin_view import SeenThing, save_picture
 from twin_diagram.runs.learning.camera_check import KnownFaces, correct_cameras
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.coverage import asks_for_more
@@ -182,11 +182,11 @@ class Learner:
         """Show, weigh and put away what was picked, and have its shape made."""
         assert picked.taken is not None
         folder = self.record.fresh(name)
-        one = Learned(name, R_WS=picked.taken.X_WT[:3, :3].tolist())
-        shown = ShownObject()
+        one, shown = Learned(name), ShownObject()
         try:
             with self._stage(name, "display") as told:
                 shown = handling.show_first(self.tools, picked)
+                one.R_WS = (shown.R_WT @ shown.X_ST[-1][:3, :3].T).tolist()
                 told.update(seen_so_far(shown))
             self._show_again(name, shown)
             handling.write_frames(folder / FRAMES, shown)
@@ -265,7 +265,7 @@ class Learner:
             one.standing = found.put.numbers()
             one.why += f"; {found.told}"
         elif found.thing is not None:
-            handling.save_picture(self.record.folder / one.picture, picture, found.thing, found.told)
+            save_picture(self.record.folder / one.picture, picture, found.thing, found.told)
             one.why += f"; {found.told}"
 
     def _weigh(self, name: str, shown: ShownObject, folder: Path) -> None:
@@ -288,7 +288,7 @@ class Learner:
         cell, self._in_bin = self.tools.cell, False
         picture = cell.look(self.tools.learning.scan_camera)
         one.picture = f"objects/{one.name}/failed.png"
-        handling.save_picture(self.record.folder / one.picture, picture, None, one.why)
+        save_picture(self.record.folder / one.picture, picture, None, one.why)
         try:
             fell = handling.let_go(self.tools)
             if fell is not None:
@@ -314,7 +314,7 @@ class Learner:
         """Note something that cannot be taken, with a picture."""
         number = 1 + sum(one.state == "reported" for one in self.state.learned)
         name, file = f"reported_{number:02d}", f"reported/{number:02d}.png"
-        handling.save_picture(self.record.folder / file, picture, thing, why)
+        save_picture(self.record.folder / file, picture, thing, why)
         self.state.learned.append(Learned(name, "reported", why, picture=file))
         self.state.given_up.append(thing.middle.tolist())
         self.record.event(object=name, stage="report", why=why, picture=file)
