@@ -94,14 +94,20 @@ def test_straight_grasps_come_before_better_slanted_ones() -> None:
     assert downward(found).tolist() == [2, 1]
 
 
+def test_grasps_by_the_very_tips_come_last() -> None:
+    found = grasps([(DOWN, [0, 0, 0.1]), (DOWN, [0, 0, 0.1])], [0.0, 0.9])
+    found.contacts[0, :, 2] = 0.1 - 0.008
+    found.contacts[1, :, 2] = 0.1 + 0.004
+    assert downward(found).tolist() == [1, 0]
+
+
 def test_walls_stand_about_the_inside() -> None:
     low, high = np.array([0.0, 0.0, 0.0]), np.array([0.3, 0.4, 0.1])
     points = wall_points(low, high)
-    # They count as 2 mm nearer than they are.
-    inside = ((points[:, :2] > low[:2] + 0.0021) & (points[:, :2] < high[:2] - 0.0021)).all(axis=1)
+    inside = ((points[:, :2] > low[:2]) & (points[:, :2] < high[:2])).all(axis=1)
     assert not inside.any() and points[:, 2].max() <= 0.1
     for axis in (0, 1):
-        assert points[:, axis].min() < low[axis] + 0.0021 and points[:, axis].max() > high[axis] - 0.0021
+        assert points[:, axis].min() < low[axis] and points[:, axis].max() > high[axis]
 
 
 def test_a_box_rests_on_its_sides_the_surest_first() -> None:

@@ -65,6 +65,13 @@ class Tuning:
     one_sided: float = 0.15
     """Added where the picture does not show both contacts: what is there is guessed."""
 
+    tip: float = 0.004
+    """Farther ahead in the tool's frame a contact is at the pads' very tips [m], 6 mm from their ends: where a picture
+    is a few millimetres off they close above it."""
+
+    shallow: float = 5.0
+    """Added to the cost of such grasps: they come last."""
+
     side: float = 0.003
     """Edge of the cells in which an outline is found, and between points of guessed sides [m]."""
 
@@ -80,7 +87,7 @@ class Tuning:
     smooth: float = 1.5
     """σ with which an outline is smoothed for its normals [cells]."""
 
-    off_walls: float = 0.006
+    off_walls: float = 0.003
     """By which they count as nearer than they are [m]: the arm sags by two millimetres, and calibration is off."""
 
     walls: float = 0.008
@@ -267,6 +274,8 @@ def downward(grasps: Grasps) -> Array:
     """Return the numbers of grasps that come from above, the straightest of the good ones first."""
     down = -grasps.approach[:, 2]
     cost = grasps.score + TUNING.slanted * (1.0 - down) + TUNING.one_sided * (~grasps.seen).any(axis=1)
+    ahead = np.einsum("nki,ni->nk", grasps.contacts - grasps.poses[:, None, 4:], grasps.approach)
+    cost = cost + TUNING.shallow * (np.where(grasps.seen, ahead, -np.inf) > TUNING.tip).any(axis=1)
     order = np.argsort(cost, kind="stable")
     return np.asarray(order[down[order] >= TUNING.steepest])
 
