@@ -126,13 +126,13 @@ def correct_cameras(
         cameras: as told, by name.
         faces: of what stands still.
     """
-    told = []
+    told: list[dict[str, str | float]] = []
     for name in dict.fromkeys((learning.bin_camera, learning.scan_camera)):
         found = check_camera(cameras[name], cell.look(name), faces)
         if found is not None:
             cell.correct(name, found.camera, found.depth)
-            off = {"off_mm": round(1e3 * found.shift, 2), "off_deg": round(float(np.rad2deg(found.turn)), 3)}
-            told.append({"camera": name, **off})
+            degrees = round(float(np.rad2deg(found.turn)), 3)
+            told.append({"camera": name, "off_mm": round(1e3 * found.shift, 2), "off_deg": degrees})
     return told
 
 
@@ -149,7 +149,9 @@ def check_camera(told: Camera, picture: Picture, faces: KnownFaces) -> Correctio
         return None
     camera, depth, points = view, 1.0, 0
     for border in TUNING.borders:
-        surfaces = known_surfaces(camera, picture.depth, depth, faces, max(1, round(border * view.width / 640)))
+        surfaces = known_surfaces(
+            camera, picture.depth.astype(float), depth, faces, max(1, round(border * view.width / 640))
+        )
         points = sum(len(one.depth) for one in surfaces)
         if points < TUNING.least:
             return None
