@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +14,17 @@ from scipy.spatial.transform import Rotation
 
 from twin_diagram.estimation.weighing import Grip
 from twin_diagram.logs.measured_log import Log
-from twin_diagram.runs.learning.weighing import Swung, grip_on, read_swung, share_of, slipped, write_swung
+from twin_diagram.runs.learning.cell import Recording
+from twin_diagram.runs.learning.weighing import (
+    Slipping,
+    Swung,
+    grip_on,
+    read_swung,
+    share_of,
+    slipped,
+    swing,
+    write_swung,
+)
 from twin_diagram.signals.arrays import Array
 
 
@@ -77,3 +91,40 @@ def test_what_takes_much_of_the_grip_at_rest_is_swung_with_more_of_it() -> None:
     beside = share_of(grip, 1.0, np.array([0.05, 0.0, 0.03]))
     assert beside == pytest.approx(1.5 * np.hypot(9.81 / slide, 9.81 * 0.05 / turn))
     assert share_of(grip, 2.0, np.array([0.3, 0.0, 0.03])) == 2.5, "there is an end to it"
+
+
+class Hand:
+    """A cell whose fingers come together from some time on while the arm swings."""
+
+    def __init__(self, turns: float) -> None:
+        self._turns, self.opening, self.braked = turns, 0.045, False
+
+    @contextmanager
+    def recording(self) -> Iterator[Recording]:
+        told = Recording()
+        for k in range(3):
+            told.time.append(0.005 * k)
+            for row in (told.position, told.velocity, told.torque):
+                row.append(np.zeros(2))
+        yield told
+
+    def wait(self, seconds: float) -> None:
+        pass
+
+    def follow(self, times: Array, q: Array, at: Any) -> None:
+        for now in times:
+            self.opening = 0.045 - 0.002 * max(0.0, now - self._turns)
+            at(now)
+
+    def brake(self) -> None:
+        self.braked = True
+
+
+def test_what_turns_between_the_fingers_is_swung_no_further() -> None:
+    motion: Any = SimpleNamespace(harmonics=SimpleNamespace(period=1.0), at=lambda times: (np.zeros((len(times), 2)),))
+    calm, turning = Hand(2.0), Hand(0.5)
+    swing(calm, motion, ("a", "b"), "loaded")  # type: ignore[arg-type]
+    assert not calm.braked
+    with pytest.raises(Slipping, match="turns between the fingers"):
+        swing(turning, motion, ("a", "b"), "loaded")  # type: ignore[arg-type]
+    assert turning.braked and turning.opening == pytest.approx(0.0445, abs=2e-5), "a quarter of a second later"

@@ -27,7 +27,7 @@ from twin_diagram.runs.learning.bin_view import (
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames, tilts_of
-from twin_diagram.runs.learning.display import NothingHeld, display
+from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
 from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
@@ -36,7 +36,7 @@ from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.seen_map import Boxes, SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
-from twin_diagram.runs.learning.weighing import slipped, swing_empty, swing_held, write_swung
+from twin_diagram.runs.learning.weighing import Slipping, slipped, swing_empty, swing_held, write_swung
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
 
@@ -56,6 +56,9 @@ class Tuning:
 
     crept: tuple[float, float] = (0.006, 0.03)
     """By how much it may have crept meanwhile, as standard deviations [m], [rad]."""
+
+    turned: tuple[float, float] = (0.02, 0.4)
+    """By how much it may have turned where it was noticed at once, as standard deviations [m], [rad]."""
 
     same_place: float = 0.04
     """A thing within this of one that was given up is that one [m]."""
@@ -290,22 +293,18 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     low, high = (np.array(corner) for corner in learning.into_bin)
     # The empty hand is swung alike when one thing more stands there.
     with tools.mover.blocked(low, np.array([*high[:2], low[2] + TUNING.tallest])):
-        swung, shown.swung, mass = swing_held(
-            tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
-        )
+        try:
+            swung, shown.swung, mass = swing_held(
+                tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
+            )
+        except Slipping:
+            _find_turned(tools, shown)
+            raise
     if tools.cell.opening < PICKING.empty:
         raise NothingHeld("it was lost while it was swung")
     # Swinging makes it creep in the hand: where it is afterwards is seen.
     try:
-        pictures = display(
-            tools.mover,
-            tools.cell,
-            replace(learning, frames=TUNING.glances),
-            tools.robot,
-            len(shown.X_ST) - 1,
-            TUNING.glance,
-        )
-        X_ST = found_again(shown.followed, pictures, shown.X_ST[-1], TUNING.crept)
+        X_ST = found_again(shown.followed, _glance(tools, shown), shown.X_ST[-1], TUNING.crept)
         if X_ST is not None:
             swung = slipped(swung, np.asarray(np.linalg.inv(X_ST), dtype=float))
             shown.R_WT = shown.R_WT @ shown.X_ST[-1][:3, :3].T @ X_ST[:3, :3]
@@ -315,6 +314,19 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
         shown.notes.append(f"not looked at after it was swung: {why}")
     write_swung(folder / SWUNG, swung)
     return mass
+
+
+def _glance(tools: Tools, shown: ShownObject) -> list[HeldPicture]:
+    """Return a few pictures of what is held."""
+    few = replace(tools.learning, frames=TUNING.glances)
+    return display(tools.mover, tools.cell, few, tools.robot, len(shown.X_ST) - 1, TUNING.glance)
+
+
+def _find_turned(tools: Tools, shown: ShownObject) -> None:
+    """See how what was about to slip out of the hand lies in it now; the pictures are not kept."""
+    X_ST = follow(shown.followed, _glance(tools, shown), shown.X_ST[-1], TUNING.turned).X_ST[-1]
+    shown.R_WT, shown.X_ST[-1] = shown.R_WT @ shown.X_ST[-1][:3, :3].T @ X_ST[:3, :3], X_ST
+    hold_seen(tools, shown)
 
 
 def weigh_empty(tools: Tools, shown: ShownObject, opening: float, file: Path) -> None:

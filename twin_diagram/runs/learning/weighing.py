@@ -88,6 +88,9 @@ class Tuning:
     """Over speed limit of each joint [1/s]: 15 rad/s² of an iiwa's wrist, which its driver's impedance follows
     closely."""
 
+    turning: float = 0.0005
+    """By which fingers move when what they hold turns between them [m]: what is round goes 2 mm before it is lost."""
+
     steps: int = 80
     """Of the search for the best motion, some 15 s of a core."""
 
@@ -99,6 +102,10 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+
+class Slipping(WeighingError):
+    """What is held turns in the hand while it is swung."""
 
 
 @dataclass(frozen=True)
@@ -252,13 +259,27 @@ def swing_empty(model: Model, mover: Mover, cell: Cell, motion: Excitation, open
 
 
 def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str) -> Log:
-    """Go along a motion and return the arm's messages on the way."""
+    """Go along a motion and return the arm's messages on the way.
+
+    Raises:
+        Slipping: the fingers come nearer to each other, or are pushed apart: what they hold turns. The arm is at rest.
+    """
     period = motion.harmonics.period
     times = np.arange(0.0, period + 1e-9, 0.005)
     q = motion.at(times)[0]
+    opening = cell.opening
+
+    def held(now: float) -> None:
+        if abs(cell.opening - opening) > TUNING.turning:
+            raise Slipping("it turns between the fingers when it is swung; grip elsewhere")
+
     with cell.recording() as messages:
         cell.wait(TUNING.rest)
-        cell.follow(times, q)
+        try:
+            cell.follow(times, q, held)
+        except Slipping:
+            cell.brake()
+            raise
         cell.wait(TUNING.rest)
     return log_of(messages, joints, source)
 
