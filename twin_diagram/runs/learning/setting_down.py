@@ -45,6 +45,9 @@ class Tuning:
     wide: float = 0.08
     """More than this between them is no better [m]: the hand has room beside what is taller."""
 
+    hand: float = 0.03
+    """Off the walls there is room for the hand [m]."""
+
     cell: float = 0.01
     """Edge of the squares in which a bin's bottom is looked at [m]."""
 
@@ -303,7 +306,7 @@ def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Ar
     far = TUNING.cell * ndimage.distance_transform_edt(height <= low[2]) if standing else np.full(count, TUNING.wide)
     height = ndimage.maximum_filter(height, 2 * edge + 1)
     middle = 0.5 * (low + high)[:2]
-    found: list[tuple[float, Array]] = []
+    ranked: list[tuple[float, int, Array]] = []
     for k in range(TUNING.turns):
         yaw = k * (2.0 * np.pi / TUNING.turns)
         cells = np.round(footprint(held, turned(R_WT, yaw)) / TUNING.cell).astype(np.int64)
@@ -313,22 +316,27 @@ def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Ar
         support = ndimage.maximum_filter(height, footprint=mask, mode="constant", cval=np.inf)
         room = np.minimum(ndimage.minimum_filter(far, footprint=mask), TUNING.wide)
         hollow = support - ndimage.minimum_filter(height, footprint=mask)
-        for i, j in np.argwhere(np.isfinite(support))[::2]:
-            place = low[:2] + TUNING.cell * np.array([i, j])
-            cost = 10.0 * (support[i, j] - low[2]) + 10.0 * hollow[i, j] - room[i, j]
-            cost -= 0.1 * float(np.linalg.norm(place - middle))
-            found.append((cost, np.array([*place, support[i, j], yaw])))
-    found.sort(key=lambda entry: entry[0])
-    return spread_out([place for _, place in found])
+        inside = np.isfinite(support)
+        wall = TUNING.cell * ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
+        at = np.argwhere(inside)
+        places = np.column_stack([low[:2] + TUNING.cell * at, support[inside], np.full(len(at), yaw)])
+        cost = 10.0 * (support - low[2] + hollow)[inside] - (room + np.minimum(wall, TUNING.hand))[inside]
+        cost -= 0.05 * np.linalg.norm(places[:, :2] - middle, axis=1)
+        order = np.argsort(cost, kind="stable")
+        # Which turns the arm reaches nobody knows: each has its best places tried, in turn.
+        few = spread_out(places[order])
+        level = {tuple(place): float(c) for place, c in zip(places[order], cost[order], strict=True)}
+        ranked += [(round(level[tuple(place)]), rank, place) for rank, place in enumerate(few)]
+    return [place for _, _, place in sorted(ranked, key=lambda entry: entry[:2])][: TUNING.places]
 
 
-def spread_out(places: Sequence[Array]) -> list[Array]:
+def spread_out(places: Sequence[Array] | Array) -> list[Array]:
     """Return the first few of places (4,) that are not nearly another one at the same turn: one tells of both."""
     kept: list[Array] = []
     for place in places:
         off = [float(np.hypot(*(place - other)[:2])) for other in kept if other[3] == place[3]]
         if min(off, default=np.inf) >= TUNING.apart - 1e-9:
             kept.append(place)
-        if len(kept) == TUNING.places:
+        if len(kept) == TUNING.places // TUNING.turns:
             break
     return kept
