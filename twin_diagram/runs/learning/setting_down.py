@@ -21,8 +21,12 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    above: float = 0.10
-    """Height from which it goes straight down [m]."""
+    above: tuple[float, ...] = (0.10, 0.20)
+    """Heights from which it goes straight down [m]: what is held low is brought over a bin's walls first."""
+
+    grazing: float = -0.003
+    """Clearance of the hand's balls on that line and back [m]: tips that held something low stand 2 mm deep in a bin's
+    bottom, for their balls stand out by 13 mm. With -8 mm the hand met a wall."""
 
     gap: float = 0.003
     """Left under the object where the fingers open [m]: what poses and sag are off."""
@@ -237,12 +241,10 @@ def set_down(
     for place in places:
         for yaw in every if len(place) == 3 else place[3:]:
             X = pose_over(points_T, turned(R_WT, float(yaw)), place[:2], float(place[2]) + TUNING.gap)
-            above = X.copy()
-            above[2, 3] += TUNING.above
-            for q_above in mover.goals(above, cell.commanded)[:2]:
+            for q_above in _over(mover, X, cell.commanded):
                 try:
                     line = mover.line(q_above, X)
-                    if not mover.bare_free(line, 0.0, standing=True):
+                    if not mover.bare_free(line, TUNING.grazing, standing=True):
                         raise NoWay("something is in the way of setting it down")
                     back = way_back(mover, line[-1])
                     way = mover.path(cell.commanded, line[:1])
@@ -252,6 +254,18 @@ def set_down(
                 go(cell, mover.timed(way))
                 return release(mover, cell, line, back), place
     raise last
+
+
+def _over(mover: Mover, X_WT: Array, q: Array) -> Array:
+    """Return joint angles (G, n) over where something is set down (4, 4), from the lowest height that is free."""
+    goals = np.zeros((0, len(q)))
+    for height in TUNING.above:
+        above = X_WT.copy()
+        above[2, 3] += height
+        goals = mover.goals(above, q)[:2]
+        if len(goals):
+            break
+    return np.asarray(goals)
 
 
 def release(mover: Mover, cell: Cell, line: Array, back: Array) -> Array:
@@ -279,7 +293,7 @@ def way_back(mover: Mover, q: Array) -> Array:
             away[:3, 3] += back * direction
             with contextlib.suppress(NoWay):
                 line = mover.line(q, away)
-                if mover.bare_free(line, 0.0):
+                if mover.bare_free(line, TUNING.grazing):
                     return line
     raise NoWay("no way back from where it would be set down")
 
