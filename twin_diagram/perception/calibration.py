@@ -29,8 +29,12 @@ class Tuning:
     steps: int = 6
     """Of Gauss-Newton at most: errors of a degree are gone after three."""
 
-    settled: float = 1e-7
-    """A step whose errors are all smaller ends it [rad; m; share]."""
+    settled: float = 0.02
+    """A step of so few standard deviations of the estimate ends it: each is a fifth to a tenth of the one before."""
+
+    same: float = 0.3
+    """Steps that come so near to where others ended, in standard deviations, go there, too, and are given up: of a
+    tabletop's arm that is after the second, and places of rest are two standard deviations from each other."""
 
     cut: float = 4.0
     """Residuals beyond so many standard deviations are another thing's (Tukey's weights end there)."""
@@ -130,16 +134,19 @@ def calibrate(
     prior = np.maximum(told.variances, 1e-16)
     together = pixels_together(surfaces, camera.width)
 
-    def ended(start: Array, doubt: float) -> tuple[float, Array, Array]:
-        errors, information = _gauss_newton(surfaces, together, camera, prior, start, doubt)
-        return _cost(surfaces, together, corrected(camera, errors), errors, prior), errors, information
+    def likely(end: tuple[Array, Array]) -> float:
+        return _cost(surfaces, together, corrected(camera, end[0]), end[0], prior)
 
-    ends = [ended(np.zeros(SIZE), TUNING.first_doubt) if before is None else ended(before, 0.0)]
+    start, doubt = (np.zeros(SIZE), TUNING.first_doubt) if before is None else (before, 0.0)
+    first = _gauss_newton(surfaces, together, camera, prior, start, doubt)
+    assert first is not None
+    ends = [first]
     if surfaces:
-        _, best, information = ends[0]
+        best, information = first
         step = TUNING.aside * _least_known(information, prior)
-        ends += [ended(best + step, 0.0), ended(best - step, 0.0)]
-    _, errors, information = min(ends, key=lambda end: end[0])
+        others = (_gauss_newton(surfaces, together, camera, prior, best + s * step, 0.0, best) for s in (1.0, -1.0))
+        ends += [end for end in others if end is not None]
+    errors, information = first if len(ends) == 1 else min(ends, key=likely)
     covariance = np.linalg.inv(information)
     return CalibrationEstimate(errors, 0.5 * (covariance + covariance.T), sum(len(s.depth) for s in surfaces))
 
@@ -151,7 +158,8 @@ def _gauss_newton(
     prior: Array,
     start: Array,
     doubt: float,
-) -> tuple[Array, Array]:
+    known: Array | None = None,
+) -> tuple[Array, Array] | None:
     """Return errors (10,) where the steps from `start` come to rest, and the information (10, 10) there.
 
     Args:
@@ -161,6 +169,7 @@ def _gauss_newton(
         prior: (10,) variances of the errors.
         start: (10,)
         doubt: how far points may be aside before the first step [m].
+        known: (10,) where others came to rest; None is returned where these do so there, too.
     """
     errors, information = start, np.diag(1.0 / prior)
     for k in range(TUNING.steps):
@@ -171,9 +180,16 @@ def _gauss_newton(
             H, b = H + A, b + right
         step = np.linalg.solve(H, b)
         errors, information = errors + step, H
-        if np.abs(step).max() < TUNING.settled:
+        if known is not None and _apart(errors, known, H) < TUNING.same:
+            return None
+        if _apart(step, np.zeros(SIZE), H) < TUNING.settled:
             break
     return errors, information
+
+
+def _apart(first: Array, second: Array, information: Array) -> float:
+    """Return how far errors (10,) are from others, in standard deviations of the estimate."""
+    return float(np.sqrt(max((first - second) @ information @ (first - second), 0.0)))
 
 
 def _least_known(information: Array, prior: Array) -> Array:
