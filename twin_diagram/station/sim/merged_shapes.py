@@ -131,7 +131,7 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
         label = RenderLabel.kDontCare
         for geometry in inspector.GetGeometries(frame, Role.kPerception):
             properties = inspector.GetPerceptionProperties(geometry)
-            colour = _colour(properties)
+            colour = plain_colour(properties)
             part = tessellate(inspector.GetShape(geometry)) if colour is not None else None
             if part is None or colour is None or not inspector.BelongsToSource(geometry, source):
                 continue
@@ -153,7 +153,7 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
         scene_graph.AssignRole(source, merged, properties)
 
 
-def _colour(properties: PerceptionProperties) -> Array | None:
+def plain_colour(properties: PerceptionProperties) -> Array | None:
     """Return (r, g, b) of a shape; None where one colour does not say it all."""
     if properties.HasProperty("phong", "diffuse_map"):
         return None
