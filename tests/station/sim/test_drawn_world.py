@@ -63,6 +63,22 @@ def test_colours_are_drakes_but_at_edges(both: tuple[WorldRenderer, WorldRendere
     assert ours.std() > 40.0
 
 
+def test_of_two_pictures_only_what_moves_is_drawn_twice(both: tuple[WorldRenderer, WorldRenderer, Array]) -> None:
+    drawn, vtk, q = both
+    arm, thing = q.copy(), q.copy()
+    arm[:7] += 0.01
+    plant = drawn._plant
+    body = plant.get_body(drawn.objects["cracker_box"])
+    thing[body.floating_positions_start() + 4] += 0.004
+    for moved in (arm, thing, q + 1e-9):
+        first, second = drawn.colours(q, moved, VIEW, X_WC)
+        np.testing.assert_array_equal(first, drawn.colour(q, VIEW, X_WC))
+        whole = drawn.colour(moved, VIEW, X_WC).astype(int)
+        assert (np.abs(second - whole).max(axis=-1) > 1).sum() <= 3
+        assert (np.abs(first - whole).max() > 20) == (moved is not q and np.abs(moved - q).max() > 1e-6)
+    assert vtk.colours(q, thing, VIEW, X_WC)[0] is not None
+
+
 def test_labels_are_drakes_but_at_edges(both: tuple[WorldRenderer, WorldRenderer, Array]) -> None:
     drawn, vtk, q = both
     label = int(drawn.objects["cracker_box"])

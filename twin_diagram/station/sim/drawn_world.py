@@ -25,6 +25,9 @@ class Tuning:
     samples: tuple[tuple[float, float], ...] = ((-0.125, 0.375), (0.375, 0.125), (-0.375, -0.125), (0.125, -0.375))
     """Places in a pixel, from its centre, whose colours are averaged: those of OpenGL's four samples."""
 
+    still: float = 1e-5
+    """What moves less between two pictures is drawn once [m]: a hundredth of a pixel at 1 m."""
+
 
 TUNING = Tuning()
 
@@ -57,13 +60,14 @@ class DrawnWorld:
         self._lights = np.array([-light.intensity * _unit(np.asarray(light.direction)) for light in lights])
         self._background = 255.0 * np.asarray(background, dtype=float)
         self._samples = np.array(TUNING.samples)
-        self._drawn: dict[tuple[int, int, int], tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]] = {}
-        """Scratch: overwritten by each picture."""
+        self._scratch = np.empty(0, np.float32), np.empty(0, np.int32)
+        """Overwritten by each picture."""
+        self._corners = _boxes(shapes)
 
     def colour(self, query: Any, lens: Lens, X_WC: RigidTransform) -> Colour:
         """Return the colours (H, W, 4) that a lens without distortion at X_WC sees, of a SceneGraph's QueryObject."""
         shapes = self._shapes
-        R, p = self._poses(query)
+        R, p = self.poses(query)
         normals = raster_kernels.moved(shapes.normals, shapes.frame, R, np.zeros_like(p))
         light = raster_kernels.lit(normals, self._lights)
         points, _, who = self._draw(R, p, lens, X_WC, self._samples)
@@ -74,9 +78,30 @@ class DrawnWorld:
         )  # fmt: skip
         return image
 
+    def again(self, image: Colour, before: tuple[Array, Array], query: Any, lens: Lens, X_WC: RigidTransform) -> Colour:
+        """Return the colours that `colour` returns, of a world that has moved a little; only what has is drawn.
+
+        Args:
+            image: (H, W, 4) as the world was before; not changed.
+            before: its frames then, as `poses` tells them.
+            query: of the world now.
+            lens: without distortion.
+            X_WC: the camera's pose.
+        """
+        result = image.copy()
+        part = self._changed(before, self.poses(query), lens, X_WC)
+        if part is not None:
+            rows, columns = part
+            window = Lens(
+                columns.stop - columns.start, rows.stop - rows.start, lens.fx, lens.fy,
+                lens.cx - columns.start, lens.cy - rows.start,
+            )  # fmt: skip
+            result[rows, columns] = self.colour(query, window, X_WC)
+        return result
+
     def depth(self, query: Any, lens: Lens, X_WD: RigidTransform, least: float, most: float) -> Depth:
         """Return depth (H, W) [m] that a straight lens at X_WD sees: 0 below `least`, infinite beyond `most`."""
-        _, nearest, who = self._draw(*self._poses(query), lens, X_WD, np.zeros((1, 2)))
+        _, nearest, who = self._draw(*self.poses(query), lens, X_WD, np.zeros((1, 2)))
         depth = np.float32(1.0) / nearest[0]
         depth[(who[0] < 0) | (depth > np.float32(most))] = np.inf
         depth[depth < np.float32(least)] = 0.0
@@ -84,10 +109,26 @@ class DrawnWorld:
 
     def labels(self, query: Any, lens: Lens, X_WD: RigidTransform) -> npt.NDArray[np.int64]:
         """Return (H, W) the labels of bodies that a lens without distortion at X_WD sees, -1 where there is none."""
-        who = self._draw(*self._poses(query), lens, X_WD, np.zeros((1, 2)))[2]
+        who = self._draw(*self.poses(query), lens, X_WD, np.zeros((1, 2)))[2]
         return np.append(self._shapes.label, -1)[who[0]]
 
-    def _poses(self, query: Any) -> tuple[Array, Array]:
+    def _changed(
+        self, before: tuple[Array, Array], now: tuple[Array, Array], lens: Lens, X_WC: RigidTransform
+    ) -> tuple[slice, slice] | None:
+        """Return the rows and columns that show what has moved, before or now; None where nothing is seen to."""
+        corners = np.array([self._corners @ R.transpose(0, 2, 1) + p[:, None] for R, p in (before, now)])
+        moved = np.linalg.norm(corners[1] - corners[0], axis=-1).max(axis=-1) > TUNING.still
+        if not moved.any():
+            return None
+        points = X_WC.inverse().multiply(corners[:, moved].reshape(-1, 3).T).T
+        low, high = np.zeros(2), np.array([lens.width, lens.height], dtype=float)
+        if points[:, 2].min() > self._near:
+            places = points[:, :2] / points[:, 2:] * [lens.fx, lens.fy] + [lens.cx, lens.cy]
+            low, high = np.maximum(low, places.min(axis=0) - 1.0), np.minimum(high, places.max(axis=0) + 2.0)
+        (left, top), (right, bottom) = np.floor(low).astype(int), np.ceil(high).astype(int)
+        return None if left >= right or top >= bottom else (slice(top, bottom), slice(left, right))
+
+    def poses(self, query: Any) -> tuple[Array, Array]:
         """Return R_WF (B, 3, 3) and p_WF (B, 3) of all frames."""
         X_WF = [query.GetPoseInWorld(frame) for frame in self._shapes.frames]
         return np.array([X.rotation().matrix() for X in X_WF]), np.array([X.translation() for X in X_WF])
@@ -100,13 +141,23 @@ class DrawnWorld:
         R_CW, p_CW = X_CW.rotation().matrix(), X_CW.translation()
         points = raster_kernels.moved(shapes.points, shapes.frame, R_CW @ R_WF, p_WF @ R_CW.T + p_CW)
         size = (len(samples), lens.height, lens.width)
-        if size not in self._drawn:
-            self._drawn[size] = (np.empty(size, np.float32), np.empty(size, np.int32))
-        nearest, who = self._drawn[size]
+        count = len(samples) * lens.height * lens.width
+        if len(self._scratch[0]) < count:
+            self._scratch = np.empty(count, np.float32), np.empty(count, np.int32)
+        nearest, who = self._scratch[0][:count].reshape(size), self._scratch[1][:count].reshape(size)
         nearest.fill(1.0 / self._far)
         who.fill(-1)
         raster_kernels.draw(points, shapes.faces, shapes.closed, _of(lens), self._near, samples, nearest, who)
         return points, nearest, who
+
+
+def _boxes(shapes: DrawnShapes) -> Array:
+    """Return the corners (B, 8, 3) of the box about what moves with each frame, in that frame."""
+    low, high = np.full((len(shapes.frames), 3), np.inf), np.full((len(shapes.frames), 3), -np.inf)
+    np.minimum.at(low, shapes.frame, shapes.points)
+    np.maximum.at(high, shapes.frame, shapes.points)
+    upper = np.array(list(np.ndindex(2, 2, 2)), dtype=bool)
+    return np.where(upper, high[:, None], low[:, None])
 
 
 def _of(lens: Lens) -> Array:

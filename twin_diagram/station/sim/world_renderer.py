@@ -127,6 +127,16 @@ class WorldRenderer:
         image = query.RenderColorImage(ColorRenderCamera(self._core(view), False), self._world, X_WC)
         return view.colour(image.data)
 
+    def colours(self, first: Array, second: Array, view: LensView, X_WC: RigidTransform) -> tuple[Colour, Colour]:
+        """Return the colours (H, W, 4) that a camera at X_WC sees at two positions (nq,) near to each other."""
+        if self._drawn is None:
+            # A renderer's image is its own until the next: copied.
+            return self.colour(first, view, X_WC).copy(), self.colour(second, view, X_WC)
+        query = self._at(first)
+        image, poses = self._drawn.colour(query, view.straight, X_WC), self._drawn.poses(query)
+        again = self._drawn.again(image, poses, self._at(second), view.straight, X_WC)
+        return view.colour(image), view.colour(again)
+
     def depth(self, positions: Array, view: LensView, X_WD: RigidTransform) -> Depth:
         """Return the depth (H, W) [m] that a camera at X_WD sees at positions (nq,), 0 or infinite beyond its range."""
         query, reach = self._at(positions), self._depth_range
