@@ -62,8 +62,10 @@ def add_sight(
         return _tell_of_sight(builder, eyes, updater, health, moves, runner, monitor)
     camera = cameras[0]
     if own is None:
-        first: System = PerceptionSystem(twin.arm, camera, twin.perception, packages)
-        registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception, twin.slots, twin.scene)
+        first: System = (parts := PerceptionSystem(twin.arm, camera, twin.perception, packages))
+        registrar = IcpPoseEstimator(
+            library, camera, twin.registration, twin.perception, twin.slots, twin.scene, parts.parting
+        )
         last: System = builder.AddNamedSystem("icp_pose_estimator", registrar)
     else:
         images = {"rgb_image": VALUE, "depth_image": VALUE, "image_time": 1}
@@ -81,7 +83,7 @@ def add_sight(
         builder.ConnectInput(image_time, system.GetInputPort("image_time"))
     connect_ports(builder, ekf, first, *inputs_of(first, ("arm_state",)))
     if own is None:
-        connect_ports(builder, first, last, "segments")
+        connect_ports(builder, first, last, "segments", *inputs_of(last, ("picture",)))
     if own is None and calibration_error(camera).variances.any():
         calibrator = add_calibrator(builder, twin.arm, camera, twin.perception, packages)
         connect_ports(builder, ekf, calibrator, "arm_state")
