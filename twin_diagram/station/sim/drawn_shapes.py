@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 from pydrake.geometry import FrameId, GeometryId, Mesh, Role, SceneGraph
 
 from twin_diagram.assets.mesh import parse_obj, read_obj, read_png
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array, Ints
-from twin_diagram.station.sim.merged_shapes import TUNING as MERGED_SHAPES
-from twin_diagram.station.sim.merged_shapes import plain_colour, tessellate
+from twin_diagram.station.sim.merged_shapes import plain_colour, smooth, tessellate
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -118,10 +116,10 @@ def _part(inspector: Any, geometry: GeometryId, frame: int) -> DrawnPart | None:
     plain = tessellate(shape)
     if plain is None or colour is None:
         return None
-    smooth = trimesh.graph.smooth_shade(plain, angle=MERGED_SHAPES.sharp)
-    corners, faces = np.array(smooth.vertices), np.array(smooth.faces, dtype=np.int64)
-    normals = np.array(smooth.vertex_normals) @ R.T
-    return DrawnPart(corners @ R.T + p, normals, np.zeros((len(corners), 2)), faces, True, colour, None, frame, label)
+    corners, normals, faces = smooth(plain)
+    return DrawnPart(
+        corners @ R.T + p, normals @ R.T, np.zeros((len(corners), 2)), faces, True, colour, None, frame, label
+    )
 
 
 def _mesh(shape: Mesh) -> tuple[Any, Bytes] | None:
