@@ -16,10 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.perception.depth_noise import excess
+from twin_diagram.perception.calibration_kernels import distances, normal_equations, scatter, seen_at
+from twin_diagram.perception.depth_noise import excess_of
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.calibration_error import SIZE, CalibrationError, point_shifts
+from twin_diagram.signals.calibration_error import SIZE, CalibrationError
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,9 @@ class Tuning:
 
     cell: float = 53.0
     """Side of a square of such an area [px]: what is seen in one square in several frames errs alike in all of them."""
+
+    least: float = 1e-5
+    """No point's distance from a surface is taken to be known better [m]."""
 
     first_doubt: float = 0.02
     """How far points may be aside before the first step [m]: 5 mm and half a degree at 2 m."""
@@ -265,14 +270,13 @@ def _normal_equations(
     if not len(surface.depth):
         return np.zeros((SIZE, SIZE)), np.zeros(SIZE)
     camera, seen = corrected_view[0], _residuals(surface, corrected_view)
-    distance = seen.distance
-    shifts = point_shifts(seen.points_C, camera.R_WC, camera.fx, camera.fy)
-    J = np.einsum("ni,nij->nj", seen.normals, shifts)
     weight = _weights(seen, np.hypot(seen.sigma, surface.place_std + doubt), surface, together)
-    H, b = (J * weight[:, None]).T @ J, (J * weight[:, None]).T @ distance
+    H, b, along, total, pull = normal_equations(
+        seen.points_C, seen.normals, seen.distance, weight, one_layout(camera.R_WC), camera.fx, camera.fy
+    )
     if surface.place_std > 0.0:
         # One number more that all points share, the surface's place, is eliminated.
-        total, pull, along = weight.sum() + surface.place_std**-2, weight @ distance, weight @ J
+        total += surface.place_std**-2
         H, b = H - np.outer(along, along) / total, b - along * pull / total
     return H, b
 
@@ -290,16 +294,13 @@ class _Residuals:
 def _residuals(surface: KnownSurface, corrected_view: tuple[Pinhole, float]) -> _Residuals:
     """Return how far off a surface the camera as believed shows its points."""
     view, factor = corrected_view
-    z = surface.depth * factor
-    (cu, cv), (u, v) = view.centre, surface.pixels.T
-    points_C = np.column_stack([(u - cu) / view.fx * z, (v - cv) / view.fy * z, z])
-    points_W = points_C @ view.R_WC.T + view.p_WC
-    places, normals = surface.nearest(points_W)
-    distance = np.einsum("ni,ni->n", normals, points_W - places)
-    # Noise is along the line of sight; what of it shows is what of that is across the surface.
-    across = np.abs(np.einsum("ni,ni->n", normals, points_W - view.p_WC)) / np.maximum(z, 1e-6)
-    sigma = np.maximum(view.depth_noise(z) * across, 1e-5)
-    return _Residuals(distance, sigma * excess(distance - np.median(distance), sigma), points_C, normals)
+    z, lens = surface.depth * factor, np.array([view.fx, view.fy, *view.centre])
+    R_WC, p_WC, noise = one_layout(view.R_WC), one_layout(view.p_WC), view.depth_noise
+    points_C, points_W = seen_at(one_layout(surface.pixels), z, lens, R_WC, p_WC)
+    places, normals = (one_layout(found) for found in surface.nearest(points_W))
+    told = (noise.floor, noise.growth, noise.start)
+    distance, sigma = distances(points_W, places, normals, p_WC, z, told, TUNING.least)
+    return _Residuals(distance, sigma * excess_of(scatter(distance, sigma), len(distance)), points_C, normals)
 
 
 def _worth(surface: KnownSurface, together: Array) -> Array:
