@@ -183,7 +183,7 @@ def _gauss_newton(
         for surface, alike in zip(surfaces, together, strict=True):
             A, right = _normal_equations(surface, view, alike, doubt if k == 0 else 0.0)
             H, b = H + A, b + right
-        step = np.linalg.solve(H, b)
+        step = np.asarray(np.linalg.solve(H, b), dtype=float)
         errors, information = errors + step, H
         if known is not None and _apart(errors, known, H) < TUNING.same:
             return None
@@ -194,7 +194,7 @@ def _gauss_newton(
 
 def _apart(first: Array, second: Array, information: Array) -> float:
     """Return how far errors (10,) are from others, in standard deviations of the estimate."""
-    return float(np.sqrt(max((first - second) @ information @ (first - second), 0.0)))
+    return float(np.sqrt(max(float((first - second) @ information @ (first - second)), 0.0)))
 
 
 def _least_known(information: Array, prior: Array) -> Array:

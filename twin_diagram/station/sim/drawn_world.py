@@ -43,7 +43,7 @@ class DrawnWorld:
         self,
         shapes: DrawnShapes,
         lights: Sequence[LightParameter],
-        background: Sequence[float],
+        background: Sequence[float] | Array,
         near: float,
         far: float,
     ) -> None:
