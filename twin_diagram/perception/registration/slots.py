@@ -8,14 +8,16 @@ from typing import Final
 import numpy as np
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.naming import NAMING_SIZE, Naming
 from twin_diagram.perception.registration.registration import TUNING as REGISTRATION
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.rotation import exp, from_quaternion, log, to_quaternion
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
 
-SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1 + 1
-"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds, aloft."""
+SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1 + 1 + NAMING_SIZE + 1
+"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds, aloft,
+naming, by shape."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,8 @@ class Slot:
         alike: how much it looks like itself before this camera, in this light, of what fits in shape; 0: not known.
         odds: logarithm of the odds that it is not one of its turns that leave the shape alike; see `turned_alike`.
         aloft: it was in the air when it was seen last, be it at rest: something holds it.
+        named: how sure it is that it is this object.
+        by_shape: shape alone tells it; it is followed without colours.
     """
 
     known: bool = False
@@ -90,11 +94,23 @@ class Slot:
     alike: float = 0.0
     odds: float = 0.0
     aloft: bool = False
+    named: Naming = field(default_factory=Naming)
+    by_shape: bool = False
 
     def pack(self) -> Array:
         """Return the slot as a vector (SLOT_SIZE,)."""
         tail = [self.seen, self.next_search, float(self.attempts), self.alike, self.odds, float(self.aloft)]
-        return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail])
+        return np.concatenate(
+            [
+                [float(self.known)],
+                to_quaternion(self.R),
+                self.p,
+                self.velocity,
+                tail,
+                self.named.pack(),
+                [float(self.by_shape)],
+            ]
+        )
 
     @staticmethod
     def unpack(vector: Array) -> Slot:
@@ -110,6 +126,8 @@ class Slot:
             alike=float(vector[17]),
             odds=float(vector[18]),
             aloft=bool(vector[19] > 0.5),
+            named=Naming.unpack(vector[20:-1]),
+            by_shape=bool(vector[-1] > 0.5),
         )
 
 
@@ -134,7 +152,11 @@ def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
         if stands_still(velocity, result.covariance, step):
             velocity = np.zeros(6)
     odds = slot.odds if result.odds is None else result.odds
-    return Slot(True, result.R, result.p, velocity, time, NEVER, 0, _alike(slot.alike, result), odds)
+    named = result.named or slot.named
+    shape = slot.by_shape if result.by_shape is None else result.by_shape
+    # How much it looks like itself is another figure without colours.
+    alike = _alike(slot.alike if shape == slot.by_shape else 0.0, result)
+    return Slot(True, result.R, result.p, velocity, time, NEVER, 0, alike, odds, named=named, by_shape=shape)
 
 
 def _alike(before: float, result: RegisteredPose) -> float:
