@@ -40,8 +40,11 @@ class Tuning:
     tall: tuple[float, float] = (0.008, 0.05)
     """An object may be so much taller or lower than what is seen [m], and so much for each metre of it."""
 
-    score: float = 0.75
-    """What explains less is not settled and asked for its name."""
+    score: float = 0.88
+    """What explains less is not settled and asked for its name: 106 of 107 right finds had more, of others a third."""
+
+    pause: int = 2
+    """After the first search only one of so many looks for shapes, at one thing: it takes as long as all tracking."""
 
     thin: int = 150
     """Points of a thing that weigh its poses."""
@@ -54,7 +57,7 @@ TUNING = Tuning()
 
 
 def search_by_shape(
-    library: Sequence[Known], wanted: Collection[int], view: View, free: Mask, which: int | None = None
+    library: Sequence[Known], wanted: Collection[int], view: View, free: Mask, attempt: int = 0
 ) -> dict[int, RegisteredPose]:
     """Return which objects are told by shape alone among points that nothing explains, by number.
 
@@ -63,11 +66,12 @@ def search_by_shape(
         wanted: numbers of those that may be found.
         view: the image.
         free: (N,) the segments' points that nothing explains.
-        which: of the things that stand there only one, counted on from image to image; None: all.
+        attempt: how often it was searched before: at first all things are tried that stand there, then one by one.
     """
-    things = _standing(view, free)
-    if which is not None and things:
-        things = [things[which % len(things)]]
+    later, rest = divmod(attempt, TUNING.pause)
+    things = _standing(view, free) if rest == 0 else []
+    if attempt and things:
+        things = [things[later % len(things)]]
     kinds = {id(known): k for k, known in reversed(list(enumerate(library)))}
     found: dict[int, RegisteredPose] = {}
     for own, top in things:

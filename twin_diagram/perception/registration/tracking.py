@@ -232,8 +232,8 @@ def search_for(
     open_ = [k for k in wanted if k not in believed and not in_the_air(slots[k], time)]
     if open_:
         left = free & unexplained_by(library, believed, view.segments)
-        first = min(slots[k].attempts for k in open_)
-        believed |= search_by_shape(library, open_, view, left, first or None)
+        attempt = min(slots[k].attempts for k in open_)
+        believed |= search_by_shape(library, open_, view, left, attempt)
     return {k: one if one.by_shape else unmistaken(library[k], view, one) for k, one in believed.items()}
 
 
