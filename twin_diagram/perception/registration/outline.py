@@ -153,9 +153,8 @@ def outline(model: ModelCloud, frame: Frame, segments: Segments, one: Registered
     ours = np.ascontiguousarray(whole[r0 - first[1] : r1 - first[1], c0 - first[0] : c1 - first[0]])
     spot = spot - [c0, r0]
     seen, tall, before, hidden = _shown(segments, own, low, float(np.median(z)), (slice(r0, r1), slice(c0, c1)))
-    outside = np.count_nonzero(tall & ~ours) / max(np.count_nonzero(tall), 1)
-    open_ = ours & ~hidden
-    missed = np.count_nonzero(open_ & ~seen) / max(np.count_nonzero(open_), 1)
+    outside = _share(~ours, tall)
+    missed = _share(~seen, ours & ~hidden)
     at, index = _edge(ours, before, hidden, spot)
     up = height[index] > rim
     at, index = at[up], index[up]
@@ -167,7 +166,12 @@ def outline(model: ModelCloud, frame: Frame, segments: Segments, one: Registered
     apart = np.clip(inward[r, c] - _signed(tall | (seen & ours))[r, c], -cut, cut)
     way = _outward(frame, points[index], _slopes(inward, at))
     J = np.hstack([moves(way, points[index] - one.p, one.R), np.ones((len(at), 1))])
-    return Outline(J, apart, float(outside), float(missed))
+    return Outline(J, apart, outside, missed)
+
+
+def _share(part: Mask, whole: Mask) -> float:
+    """Return how much of a mask is in another, 0 of none."""
+    return float(np.count_nonzero(part & whole)) / max(float(np.count_nonzero(whole)), 1.0)
 
 
 def _covered(spot: Array, shape: tuple[int, int], closed: int) -> Mask:
