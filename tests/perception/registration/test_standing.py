@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from twin_diagram.perception.depth_noise import DepthSigma
-from twin_diagram.perception.registration import tracking
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.registration.slots import Slot, seen
 from twin_diagram.perception.registration.standing import TUNING, footings, standing, stood
+from twin_diagram.perception.registration.where_expected import held_by_planes
 from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
@@ -141,8 +141,8 @@ def test_what_moves_is_not_held() -> None:
     known: Any = SimpleNamespace(feet=feet, model=SimpleNamespace(asset=box()))
     p = np.array([0.1, 0.05, 0.08])
     one = posed(np.eye(3), p + [0.0, 0.002, 0.002], image_covariance(p))
-    moving = tracking._standing([known], [Slot(velocity=np.full(6, 0.1))], view, {0: one})
-    still = tracking._standing([known], [Slot()], view, {0: one})
+    moving = held_by_planes([known], [Slot(velocity=np.full(6, 0.1))], view, {0: one})
+    still = held_by_planes([known], [Slot()], view, {0: one})
     assert moving[0] is one
     assert still[0].p[2] == pytest.approx(0.08, abs=TUNING.place)
 

@@ -246,6 +246,7 @@ def test_a_search_comes_when_its_time_has_come(monkeypatch: pytest.MonkeyPatch) 
         return {}
 
     monkeypatch.setattr(tracking, "recognise", nothing)
+    monkeypatch.setattr(tracking, "search_by_shape", lambda *_: {})
     monkeypatch.setattr(Frame, "of", staticmethod(lambda segments, shift: None))
     known: Any = [tracking.Known(SimpleNamespace(coloured=True), [(np.eye(3), 0.1)], [(np.eye(3), 0.2)])]  # type: ignore[arg-type]
     slots = [Slot()]

@@ -13,6 +13,7 @@ import pytest
 from tests.registration_bench import turn
 from twin_diagram import scenario
 from twin_diagram.perception.registration import tracking, where_expected
+from twin_diagram.perception.registration.naming import Naming
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
 from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
@@ -274,20 +275,40 @@ def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatc
         return {1: SimpleNamespace(registration=FOUND)}
 
     monkeypatch.setattr(tracking, "recognise", recognise)
+    told = [Naming(4.0, 1)]
+    monkeypatch.setattr(tracking, "naming", lambda *_: told[0])
+    monkeypatch.setattr(tracking, "search_by_shape", lambda *_: {})
+    monkeypatch.setattr(tracking, "unexplained_by", lambda *_: np.ones(3, dtype=bool))
     image = Image(monkeypatch)
     slots = [Slot(attempts=k) for k in range(4)]
-    found = tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, "free")  # type: ignore[arg-type]
-    assert found == {1: replace(FOUND, odds=TURNED.most)} and list(asked[0]) == [0, 1, 3]
-    assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[2:] == ["free", PARAMS, 10, {}, []]
+    found = tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, np.ones(3, dtype=bool))
+    assert found == {1: replace(FOUND, odds=TURNED.most, named=told[0], by_shape=False)} and list(asked[0]) == [0, 1, 3]
+    assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[3:] == [PARAMS, 10, {}, []]
+    told[0] = Naming(-4.0, 1)
+    assert not tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, np.ones(3, dtype=bool)), "it is another"
 
 
 def test_a_slot_comes_back_from_its_vector() -> None:
-    one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3, 0.8, 2.0, True, 0.01 * np.arange(6.0))
+    one = Slot(
+        True,
+        turn(0.1, 0.2, 0.3),
+        P,
+        np.arange(6.0),
+        1.5,
+        2.5,
+        3,
+        0.8,
+        2.0,
+        True,
+        0.01 * np.arange(6.0),
+        Naming(1.5, 2),
+        True,
+    )
     packed = one.pack()
-    assert packed.shape == (SLOT_SIZE,) == (26,)
+    assert packed.shape == (SLOT_SIZE,) == (29,)
     back = Slot.unpack(packed)
     assert (back.known, back.seen, back.next_search, back.attempts) == (True, 1.5, 2.5, 3)
-    assert (back.alike, back.odds, back.aloft) == (0.8, 2.0, True)
+    assert (back.alike, back.odds, back.aloft, back.named) == (0.8, 2.0, True, Naming(1.5, 2)) and back.by_shape
     for name in ("R", "p", "velocity", "aside"):
         np.testing.assert_allclose(getattr(back, name), getattr(one, name), atol=1e-12)
     assert not Slot.unpack(Slot().pack()).known

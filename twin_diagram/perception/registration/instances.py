@@ -19,12 +19,13 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.naming_evidence import is_another, naming
 from twin_diagram.perception.registration.recognition import TUNING as RECOGNITION
 from twin_diagram.perception.registration.recognition import alike, hues, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
-from twin_diagram.perception.registration.view import Known
+from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.seen_through import seen_through
 from twin_diagram.signals.arrays import Array
@@ -209,6 +210,9 @@ def recognised(
             and min(found.score, fits) >= TUNING.sure
             and looks_like_itself(found.registration, usual[k] or RECOGNITION.usual)
         ):
-            return k, found.registration, 0
+            view = View(segments, frame, params, smallest)
+            named = naming(library[k], view, found.registration)
+            if not is_another(named):
+                return k, replace(found.registration, named=named), 0
         break
     return -1, None, done if done < len(ways) else -1

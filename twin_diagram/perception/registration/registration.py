@@ -17,6 +17,7 @@ from twin_diagram.perception.registration.data_association import TUNING as LOOK
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.naming import Naming
 from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.refinement_kernels import refine_poses
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
@@ -86,6 +87,8 @@ class RegisteredPose:
         evidence: what its colours say of their shift beside depth; None where that is certain.
         odds: logarithm of the odds that it is not one of its turns that leave the shape alike; None: nobody looked.
         alone: the same before it was taken into account that the object stands; None: it was not.
+        named: how sure it is that it is this object; None: nobody asked.
+        by_shape: it was told by shape alone; None: as it was before.
     """
 
     R: Array
@@ -99,6 +102,8 @@ class RegisteredPose:
     evidence: ShiftEvidence | None = None
     odds: float | None = None
     alone: RegisteredPose | None = None
+    named: Naming | None = None
+    by_shape: bool | None = None
 
 
 def information(rotation: float, translation: float) -> Array:

@@ -8,14 +8,16 @@ from typing import Final
 import numpy as np
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.naming import NAMING_SIZE, Naming
 from twin_diagram.perception.registration.registration import TUNING as REGISTRATION
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.rotation import exp, from_quaternion, log, to_quaternion
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
 
-SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1 + 1 + 6
-"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds, aloft, aside."""
+SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1 + 1 + 6 + NAMING_SIZE + 1
+"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds, aloft, aside,
+naming, by shape."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,8 @@ class Slot:
         aloft: it was in the air when it was seen last, be it at rest: something holds it.
         aside: (6,) turn and shift from its last pose to the one that the image alone told. Its velocity is of those:
             what a plane begins or ceases to hold has not moved.
+        named: how sure it is that it is this object.
+        by_shape: shape alone tells it; it is followed without colours.
     """
 
     known: bool = False
@@ -93,11 +97,24 @@ class Slot:
     odds: float = 0.0
     aloft: bool = False
     aside: Array = field(default_factory=lambda: np.zeros(6))
+    named: Naming = field(default_factory=Naming)
+    by_shape: bool = False
 
     def pack(self) -> Array:
         """Return the slot as a vector (SLOT_SIZE,)."""
         tail = [self.seen, self.next_search, float(self.attempts), self.alike, self.odds, float(self.aloft)]
-        return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail, self.aside])
+        return np.concatenate(
+            [
+                [float(self.known)],
+                to_quaternion(self.R),
+                self.p,
+                self.velocity,
+                tail,
+                self.aside,
+                self.named.pack(),
+                [float(self.by_shape)],
+            ]
+        )
 
     @staticmethod
     def unpack(vector: Array) -> Slot:
@@ -114,6 +131,8 @@ class Slot:
             odds=float(vector[18]),
             aloft=bool(vector[19] > 0.5),
             aside=vector[20:26].copy(),
+            named=Naming.unpack(vector[26:-1]),
+            by_shape=bool(vector[-1] > 0.5),
         )
 
 
@@ -139,15 +158,20 @@ def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
         if stands_still(velocity, alone.covariance, step):
             velocity = np.zeros(6)
     odds = slot.odds if result.odds is None else result.odds
+    named = result.named or slot.named
+    shape = slot.by_shape if result.by_shape is None else result.by_shape
     return Slot(
         known=True,
         R=result.R,
         p=result.p,
         velocity=velocity,
         seen=time,
-        alike=_alike(slot.alike, result),
+        # How much it looks like itself is another figure without colours.
+        alike=_alike(slot.alike if shape == slot.by_shape else 0.0, result),
         odds=odds,
         aside=np.concatenate([log((alone.R @ result.R.T)[None])[0], alone.p - result.p]),
+        named=named,
+        by_shape=shape,
     )
 
 

@@ -13,16 +13,19 @@ from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShi
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.naming_evidence import TUNING as NAMING
+from twin_diagram.perception.registration.naming_evidence import colours_speak, is_another, naming
 from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
+from twin_diagram.perception.registration.shape_search import search_by_shape
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, carried, measurement, postponed, seen
-from twin_diagram.perception.registration.standing import standing
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.registration.where_expected import (
     believable,
     floats,
+    held_by_planes,
     register_where_expected,
     stands_out,
     unmistaken,
@@ -88,28 +91,51 @@ def step(
     """
     time = segments.time
     view = View(segments, Frame.of(segments, shift), params, smallest)
-    tracked = _standing(library, slots, view, follow_known(library, slots, view))
+    every, library = (
+        library,
+        [known.bare if slot.by_shape else known for known, slot in zip(library, slots, strict=True)],
+    )
+    tracked = held_by_planes(library, slots, view, _asked(library, slots, follow_known(library, slots, view), view))
     recognised: dict[int, RegisteredPose] = {}
     searched: list[int] = []
     if len(tracked) < len(library):
         free = unexplained_by(library, tracked, segments)
-        tracked |= _standing(library, slots, view, regain_lost(library, slots, tracked, view, free))
+        tracked |= held_by_planes(library, slots, view, regain_lost(library, slots, tracked, view, free))
         searched = [k for k, slot in enumerate(slots) if k not in tracked and due(slot, time)]
         if int(free.sum()) < smallest:
             searched = []
-        recognised = search_for(library, slots, searched, view, free)
+        recognised = search_for(every, slots, searched, view, free)
     challenged = doubted(slots, tracked, time)
     for k in challenged[:1]:
         whose = _challenge(k, library, slots, tracked, recognised, view)
         if whose is not None:
             searched = [*(j for j in searched if j != whose), whose]
 
+    after = _remembered(library, slots, searched, recognised, tracked, challenged, view)
+    results = tracked | recognised
+    measured = [measurement(slot, results.get(k), time) for k, slot in enumerate(after)]
+    # Depth of what moves may be late, which lays its colours aside by more.
+    rests = [pose.evidence for k, pose in tracked.items() if not np.any(slots[k].velocity)]
+    return after, measured, learnt(shift, [one for one in rests if one is not None])
+
+
+def _remembered(
+    library: Sequence[Known],
+    slots: Sequence[Slot],
+    searched: Sequence[int],
+    recognised: Mapping[int, RegisteredPose],
+    tracked: Mapping[int, RegisteredPose],
+    challenged: Sequence[int],
+    view: View,
+) -> list[Slot]:
+    """Return the slots after an image in which some objects were searched and recognised, others tracked."""
+    time, params = view.segments.time, view.params
     after = list(slots)
     for k in searched:
         # How fast it is, a search cannot say, but where it was a moment ago does.
         one = recognised.get(k)
         went_on = one is not None and just_lost(slots[k], time) and aloft(slots[k], time).may_be(one)
-        before = slots[k] if went_on else Slot(alike=slots[k].alike)
+        before = slots[k] if went_on else Slot(alike=slots[k].alike, named=slots[k].named)
         if one is not None:
             after[k] = _seen(library[k], before, one, view)
         elif k in challenged or not just_lost(slots[k], time):
@@ -119,22 +145,7 @@ def step(
         if doubtful(pose, slots[k].alike):
             was = postponed(slots[k], time, params) if k in challenged[:1] else slots[k]
             after[k] = replace(after[k], next_search=was.next_search, attempts=was.attempts)
-    results = tracked | recognised
-    measured = [measurement(slot, results.get(k), time) for k, slot in enumerate(after)]
-    # Depth of what moves may be late, which lays its colours aside by more.
-    rests = [pose.evidence for k, pose in tracked.items() if not np.any(slots[k].velocity)]
-    return after, measured, learnt(shift, [one for one in rests if one is not None])
-
-
-def _standing(
-    library: Sequence[Known], slots: Sequence[Slot], view: View, found: Mapping[int, RegisteredPose]
-) -> dict[int, RegisteredPose]:
-    """Return poses found with what they tell of objects that stand, where they did not move just now."""
-    still = {k: library[k].feet for k in found if not np.any(slots[k].velocity)}
-    return {
-        k: standing(still[k], library[k].model.asset.symmetric_axis == "z", one, view.segments) if still.get(k) else one
-        for k, one in found.items()
-    }
+    return after
 
 
 def _seen(known: Known, before: Slot, one: RegisteredPose, view: View) -> Slot:
@@ -213,11 +224,41 @@ def search_for(
         {k: aloft(slots[k], time) for k in wanted if in_the_air(slots[k], time)},
         _rivals(library, wanted),
     )
-    return {
-        k: unmistaken(library[k], view, one.registration)
+    convincing = {
+        k: _named(library[k], view, one.registration)
         for k, one in found.items()
         if _convincing(library[k], slots[k], view, one.registration)
     }
+    believed = {k: one for k, one in convincing.items() if carried(slots[k], time) or _told(library[k], one)}
+    open_ = [k for k in wanted if k not in believed and not in_the_air(slots[k], time)]
+    if open_:
+        left = free & unexplained_by(library, believed, view.segments)
+        attempt = min(slots[k].attempts for k in open_)
+        believed |= search_by_shape(library, open_, view, left, attempt)
+    return {k: one if one.by_shape else unmistaken(library[k], view, one) for k, one in believed.items()}
+
+
+def _told(known: Known, one: RegisteredPose) -> bool:
+    """Return whether a find is believed: of what colours do not speak for shape is asked, compared with all others."""
+    if known.model.coloured and colours_speak(known, one) <= 0.0 and one.named is not None and one.named.looks:
+        return False
+    return not is_another(one.named)
+
+
+def _named(known: Known, view: View, one: RegisteredPose) -> RegisteredPose:
+    return replace(one, named=naming(known, view, one), by_shape=False)
+
+
+def _asked(
+    library: Sequence[Known], slots: Sequence[Slot], tracked: Mapping[int, RegisteredPose], view: View
+) -> dict[int, RegisteredPose]:
+    """Return the objects that were followed, of which the one whose name is least settled was asked for it again."""
+    open_ = [k for k, one in tracked.items() if not slots[k].named.settled and one.visible_share >= NAMING.shown]
+    if not open_:
+        return dict(tracked)
+    k = min(open_, key=lambda k: (slots[k].named.looks, k))
+    named = slots[k].named.after(naming(library[k], view, tracked[k]))
+    return {**tracked, k: replace(tracked[k], named=named)}
 
 
 def _rivals(library: Sequence[Known], wanted: Sequence[int]) -> list[tuple[ModelCloud, Sequence[tuple[Array, float]]]]:
@@ -332,7 +373,11 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     if found is None or found.likeness < one.likeness * judged(known.model, points, one) + TUNING.better:
         return None
     convincing = _convincing(known, slot, view, found.registration)
-    return unmistaken(known, view, found.registration) if convincing else None
+    return (
+        unmistaken(known, view, replace(_named(known, view, found.registration), by_shape=slot.by_shape))
+        if convincing
+        else None
+    )
 
 
 def register_around(known: Known, slot: Slot, view: View, free: Mask) -> RegisteredPose | None:

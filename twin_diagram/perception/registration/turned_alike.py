@@ -99,7 +99,7 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
         before: logarithm of the odds as they were before this image.
         again: registers the object from elsewhere.
     """
-    if not len(model.turns):
+    if not len(model.turns) or not model.coloured:
         return unweighed(model, one)
     if before >= TUNING.enough and one.quality >= TUNING.certain * one.shape:
         return replace(one, odds=before)
@@ -129,8 +129,13 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
 
 
 def unweighed(model: ModelCloud, one: RegisteredPose) -> RegisteredPose:
-    """Return a pose with its odds before any image has told: even where it may be mistaken."""
-    return replace(one, odds=0.0 if len(model.turns) else TUNING.most)
+    """Return a pose with its odds before any image has told: even where it may be mistaken.
+
+    Of what has no colours no image will tell: then each of its turns is as likely.
+    """
+    if not len(model.turns):
+        return replace(one, odds=TUNING.most)
+    return replace(one, odds=0.0 if model.coloured else -float(np.log(len(model.turns))))
 
 
 def after_image(before: float, told: float) -> float:

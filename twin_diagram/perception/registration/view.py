@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from twin_diagram import scenario
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import resting
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.standing import Footing, footings
+from twin_diagram.perception.registration.without_colours import without_colours
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
@@ -34,6 +36,11 @@ class Known:
         """Return a model with the ways in which it rests."""
         orientations = resting(model.asset)
         return Known(model, orientations[:1], orientations[1:], footings(model.asset))
+
+    @cached_property
+    def bare(self) -> Known:
+        """The same without its colours."""
+        return Known.of(without_colours(self.model)) if self.model.coloured else self
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,6 +18,7 @@ from twin_diagram.perception.registration.recognition import looks_like_itself
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, information, label_of, register
 from twin_diagram.perception.registration.rotation import log
 from twin_diagram.perception.registration.slots import Slot, predict
+from twin_diagram.perception.registration.standing import standing
 from twin_diagram.perception.registration.turned_alike import weighed
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.signals.arrays import Array
@@ -190,6 +191,17 @@ def stands_out(known: Known, view: View, one: RegisteredPose, usual: float, *, a
     mine = np.count_nonzero(segments.labels[own] == label)
     alone = TUNING.alone_anew if anew else TUNING.alone
     return bool(mine >= alone * np.count_nonzero(segments.labels[near] == label))
+
+
+def held_by_planes(
+    library: Sequence[Known], slots: Sequence[Slot], view: View, found: Mapping[int, RegisteredPose]
+) -> dict[int, RegisteredPose]:
+    """Return poses found, by object, with what they tell of those that stand, where they did not move just now."""
+    still = {k: library[k].feet for k in found if not np.any(slots[k].velocity)}
+    return {
+        k: standing(still[k], library[k].model.asset.symmetric_axis == "z", one, view.segments) if still.get(k) else one
+        for k, one in found.items()
+    }
 
 
 def floats(known: Known, view: View, one: RegisteredPose) -> bool:

@@ -79,6 +79,9 @@ class TrackedObject:
         hypotheses: poses that the frame allows, with probabilities that sum to 1; the first is the pose.
         pieces: vertices of convex pieces, of unknown things.
         found: in this very frame.
+        named: probability of its name.
+        by_shape: shape alone tells it.
+        symmetric: no turn about O's z axis is told.
     """
 
     track: int
@@ -92,6 +95,9 @@ class TrackedObject:
     hypotheses: tuple[PoseHypothesis, ...]
     pieces: tuple[Array, ...]
     found: bool
+    named: float = 0.0
+    by_shape: bool = False
+    symmetric: bool = False
 
 
 class ObjectTracker:
@@ -123,7 +129,6 @@ class ObjectTracker:
         )
         self._beside, self._views = OtherMemory.empty(self._told), FrameViews()
         self._settings = object_filter.FilterSettings.of(scene)
-        self._axes = np.array([[0.0, 0.0, float(a.symmetric_axis == "z")] for a in library.values()]).reshape(-1, 3)
         self._first = [self._individual(k, k) for k in range(len(models))]
         self._further: dict[int, Individual] = {}
         """By identity."""
@@ -182,7 +187,6 @@ class ObjectTracker:
         known = Known.of(ModelCloud.of(asset, self._params.model_points))
         self._told = replace(self._told, added=(*self._told.added, known))
         self.names = (*self.names, name)
-        self._axes = np.vstack([self._axes, [0.0, 0.0, float(asset.symmetric_axis == "z")]])
         track = self._things.get(identity)
         self._further[own] = self._individual(self._numbered() if track is None else track, number)
         self._further[own].followed = True
@@ -208,7 +212,7 @@ class ObjectTracker:
         ]
         for (one, measured), found in zip(pairs, settled, strict=True):
             if found is not None:
-                told, symmetric = found.told(measured), bool(self._axes[one.asset, 2])
+                told, symmetric = found.told(measured), bool(self._axis(one)[2])
                 one.filter = object_update.update(one.filter, told, segments.time, self._settings, symmetric)
         if self._grows:
             self._grow(segments, after.things, pairs)
@@ -243,7 +247,7 @@ class ObjectTracker:
             return []
         now = segments.time
         filters = np.stack([one.filter for one in individuals])
-        axes = self._axes[[one.asset for one in individuals]]
+        axes = np.stack([self._axis(one) for one in individuals])
         belief = object_filter.propagate(filters, now, self._settings)
         status = object_filter.statuses(filters, now, self._settings)
         covariance = object_filter.pose_covariances(belief, axes, self._settings)
@@ -258,35 +262,34 @@ class ObjectTracker:
             # In view, the picture has the say; what the filter makes of it lags behind what is pushed.
             shown = found or expected(slot, one.filter, belief.poses[k], covariance[k], now)
             R, p = shown.R, shown.p
-            model = self._told.every[one.asset].model
+            model = self._model(one)
             fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
             usual = slot.alike if found is not None else 0.0
             fits = min(shape, float(fit.likeness[0]) / (BELIEF.alike * usual)) if usual > 0.0 else shape
             there = one.believed(found is not None, fits, whole, since, slot.aloft)
-            sure = there * probability(slot.odds)
+            sure = there * slot.named.probability * probability(slot.odds)
             life = ObjectStatus(int(status[k])).name.lower()
             if found is None and there < 0.5:
                 life = ObjectStatus.LOST.name.lower()
             visible = whole if found is not None else whole * shape
             only = shown.hypotheses or (PoseHypothesis(R, p, shown.spread, 1.0),)
             name = self.names[one.asset]
-            result.append(
-                TrackedObject(one.track, name, life, sure, visible, R, p, shown.spread, only, (), found is not None)
-            )
+            how = (found is not None, slot.named.probability, slot.by_shape, bool(axes[k, 2]))
+            result.append(TrackedObject(one.track, name, life, sure, visible, R, p, shown.spread, only, (), *how))
         return result
 
     def _settled(self, one: Individual, measured: PoseMeasurement, segments: Segments, frame: Frame) -> PoseShown:
         """Return the likeliest pose of an object found, near where tracking found it; tracking goes on from there."""
         R, p = rotations.matrix(measured.pose[None, :4])[0], measured.pose[4:]
-        model = self._told.every[one.asset].model
+        model = self._model(one)
         own = claimed(model, segments, R, p, TUNING.owned)
         near = claimed(model, segments, R, p, TUNING.around)
         if len(own):
             near = near[segments.labels[near] == label_of(segments, own)]
         points = segments.points_W[near]
         start = RegisteredPose(R, p, measured.covariance, measured.quality, measured.quality, 1.0, float(len(near)))
-        axis = R @ self._axes[one.asset]
+        axis = R @ self._axis(one)
         free = np.zeros((6, 6))
         free[:3, :3] = object_filter.TUNING.unknown_variance[0] * np.outer(axis, axis)
         if len(points) < TUNING.least_points:
@@ -302,8 +305,20 @@ class ObjectTracker:
                 for other in after.hypotheses[1:]
                 if np.trace(result.R.T @ other.R) < 1.0
             )
-        hypotheses = after.hypotheses if new else one.with_rivals(after, probability(self._slot_of(one).odds))
+        slot = self._slot_of(one)
+        if slot.by_shape:
+            one.rivals = tuple((turn, model.middle - turn @ model.middle, 1.0) for turn in model.turns)
+        hypotheses = after.hypotheses if new and not slot.by_shape else one.with_rivals(after, probability(slot.odds))
         return PoseShown(result.R, result.p, result.covariance + free, hypotheses)
+
+    def _model(self, one: Individual) -> ModelCloud:
+        """Return what an object is compared with: its model without colours, where shape alone tells it."""
+        known = self._told.every[one.asset]
+        return known.bare.model if self._slot_of(one).by_shape else known.model
+
+    def _axis(self, one: Individual) -> Array:
+        """Return the axis in O about which no turn is told; 0 where there is none."""
+        return np.array([0.0, 0.0, float(self._model(one).asset.symmetric_axis == "z")])
 
     def _slot_of(self, one: Individual) -> Slot:
         """Return what tracking remembers of an object."""
@@ -316,7 +331,8 @@ class ObjectTracker:
         """Track an object from another pose on than the one that tracking found."""
 
         def moved(slot: Slot) -> Slot:
-            doubted = len(self._told.every[one.asset].model.turns) and turned(R, slot.R) > TURNED.other
+            turns = 0 if slot.by_shape else len(self._told.every[one.asset].model.turns)
+            doubted = turns and turned(R, slot.R) > TURNED.other
             return replace(slot, R=R, p=p, odds=0.0 if doubted else slot.odds)
 
         if one.asset < len(self._first) and one is self._first[one.asset]:

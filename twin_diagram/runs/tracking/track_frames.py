@@ -101,7 +101,7 @@ def track_frames(
         found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION, in_a_room=True))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         seen_by |= {one.track: frame.colour for one in found if one.found}
-        lines.append(json.dumps(_line(frame, found, assets, base, doubt, seen_by)))
+        lines.append(json.dumps(_line(frame, found, base, doubt, seen_by)))
         if grown is not None:
             grown.poll(frame.number)
         if (index + 1) % 50 == 0:
@@ -263,7 +263,6 @@ def _hypothesis(one: PoseHypothesis, base: TableFrame, probability: float) -> di
 def _line(
     frame: RgbdFrame,
     found: list[TrackedObject],
-    assets: Mapping[str, Asset],
     base: TableFrame,
     doubt: CalibrationError,
     seen_by: Mapping[int, ViewCamera],
@@ -277,7 +276,6 @@ def _line(
         p_C = ((p - camera.p_WC) @ camera.R_WC)[None]
         shared = shared_covariances(doubt, p_C, camera.R_WC, camera.fx, camera.fy)[0]
         pose = {"p_WO": p.tolist(), "q_WO": to_quaternion(R).tolist()}
-        free = one.asset is not None and assets[one.asset].symmetric_axis == "z"
         objects.append(
             {
                 "track": one.track,
@@ -287,7 +285,9 @@ def _line(
                 "visible": one.visible,
                 **pose,
                 "covariance": (turn @ one.covariance @ turn.T + shared).tolist(),
-                "free": [[0.0, 0.0, 1.0]] if free else [],
+                "free": [[0.0, 0.0, 1.0]] if one.symmetric else [],
+                "named": one.named,
+                "by_shape": one.by_shape,
                 "hypotheses": [_hypothesis(other, base, one.probability) for other in one.hypotheses],
                 "pieces": [(piece @ base.R_WT.T + base.p_WT).tolist() for piece in one.pieces],
             }

@@ -1,0 +1,30 @@
+"""What is told by shape alone: each turn that shape leaves alike is a hypothesis, and counts in its probability."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.synthetic_scene import Thing, camera, picture, yawed
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.runs.tracking.object_tracker import ObjectTracker
+from twin_diagram.scenario.resources import models_dir
+
+ROOM = scenario.Perception(workspace=[[-1.0, -1.0, -0.02], [1.2, 1.0, 1.0]])
+
+
+def test_a_grey_box_has_four_hypotheses_of_which_one_is_right_and_keeps_them() -> None:
+    asset = Asset.load(models_dir() / "objects" / "sugar_box")
+    thing = Thing(asset, 7, yawed(0.3), np.array([0.5, 0.0, asset.size[2] / 2]))
+    tracker = ObjectTracker({"sugar_box": asset}, ROOM)
+    for k in range(3):
+        rgb, depth, _ = picture(camera(), [thing], np.random.default_rng(1910 + k))
+        found = tracker.observe(segment(np.full_like(rgb, 128), depth, k / 15.0, Grid.of(camera(), 2), ROOM))
+        (box,) = [one for one in found if one.asset is not None]
+        assert box.by_shape and box.found and box.named > 0.7
+        assert box.probability < 0.3 and box.probability == pytest.approx(0.25 * box.named, rel=0.1)
+        off = [np.arccos(np.clip(0.5 * np.trace(way.R.T @ thing.R) - 0.5, -1.0, 1.0)) for way in box.hypotheses]
+        assert len(off) >= 4 and min(off) < 0.03 and np.linalg.norm(box.p - thing.p) < 0.003
+        assert sum(way.probability for way in box.hypotheses) == pytest.approx(1.0)

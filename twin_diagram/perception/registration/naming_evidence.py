@@ -1,0 +1,108 @@
+"""What one image says of a thing's name, by its colours and by its shape.
+
+Things of nearly an object's shape pass for it where neither its colours nor the share of its surface that fits can
+tell: a grey can, a box a tenth longer. See `shape_evidence`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.perception.registration.naming import TUNING as NAMING
+from twin_diagram.perception.registration.naming import Naming
+from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.registration.shape_evidence import ShapeEvidence, shape_evidence
+from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.registration.where_expected import floats
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants, set on 8 rendered sequences before a D435: 78 poses that were right, and stretched things."""
+
+    even: float = 2.65
+    """Shape's odds from which a thing is the object as often as not [nat]: stretched things had up to 2.4, what was
+    right and passed `passes` 2.9 and more."""
+
+    each: float = 1.5
+    """Odds of the name for each nat more or less: models err, too."""
+
+    most: tuple[float, float] = (-5.0, 4.0)
+    """No shape says more [nat]."""
+
+    fails: float = -2.0
+    """Nor more than this, if it does not pass and colours say nothing."""
+
+    least: tuple[float, float] = (0.95, 0.92)
+    """It passes with such shares of surface in place, and of the thing's image near the surface, …"""
+
+    largest: tuple[float, float, float] = (0.10, 0.12, 1.35)
+    """… and no more than such shares outside of the model's outline, and missed in it, and such an excess of depth's
+    errors."""
+
+    alike: tuple[float, float] = (0.45, 0.75)
+    """Where it looks like itself to so large a share of what fits in shape, and so large a share of that fits in
+    colour, colours begin to speak for it, …"""
+
+    colours: tuple[float, float] = (20.0, 3.0)
+    """… by so much for each of 1 more, and no more than that [nat]. They never speak against it: it may be painted."""
+
+    silent: tuple[float, float] = (-0.5, 1.0)
+    """Where shape says nothing, the odds start from there: of coloured objects, and of those without colours [nat]."""
+
+    never: float = -2.5
+    """What has shorter odds is not taken for the object at all [nat]."""
+
+    shown: float = 0.5
+    """What is seen to a smaller share is asked for its name again."""
+
+
+TUNING = Tuning()
+
+
+def naming(known: Known, view: View, one: RegisteredPose) -> Naming:
+    """Return what an image says of a registered thing's name.
+
+    Args:
+        known: what it is named.
+        view: the image.
+        one: the pose.
+    """
+    model = known.model
+    colours = colours_speak(known, one)
+    # What something carries hides its outline, and stands on nothing.
+    evidence = None if floats(known, view, one) else shape_evidence(model, view.frame, view.segments, one)
+    if evidence is None:
+        return Naming(colours + TUNING.silent[0 if model.coloured else 1])
+    shape = TUNING.each * (evidence.odds - TUNING.even)
+    if colours == 0.0 and not passes(evidence, one.shape):
+        shape = min(shape, TUNING.fails)
+    odds = colours + float(np.clip(shape, *TUNING.most))
+    return Naming(min(odds, NAMING.certain), int(one.visible_share >= TUNING.shown))
+
+
+def colours_speak(known: Known, one: RegisteredPose) -> float:
+    """Return by how much colours speak for a registered thing's name [nat]; 0: not at all."""
+    if not known.model.coloured:
+        return 0.0
+    shape = max(one.shape, 1e-9)
+    more = min(one.likeness / shape - TUNING.alike[0], one.quality / shape - TUNING.alike[1])
+    return float(np.clip(TUNING.colours[0] * more, 0.0, TUNING.colours[1]))
+
+
+def passes(evidence: ShapeEvidence, shape: float) -> bool:
+    """Return whether a thing shows nothing that stretching does not explain; `shape`: the share that is in place."""
+    return (
+        shape >= TUNING.least[0]
+        and evidence.explained >= TUNING.least[1]
+        and evidence.outside <= TUNING.largest[0]
+        and evidence.missed <= TUNING.largest[1]
+        and evidence.excess <= TUNING.largest[2]
+    )
+
+
+def is_another(one: Naming | None) -> bool:
+    """Return whether a thing is not taken for what it is named at all; None: nobody asked."""
+    return one is not None and one.looks > 0 and one.odds < TUNING.never
