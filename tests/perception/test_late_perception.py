@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import cast
 
 import numpy as np
@@ -32,19 +33,24 @@ def frames() -> Frames:
     return [images(*picture(VIEW, things_at(library, k / CAMERA.rate), rng)[:2]) for k in range(3)]
 
 
-def eyes(frames: Frames, latency: float) -> Diagram:
-    """A camera, an arm at rest, and perception with slots for what is unknown: the can is."""
+def eyes(frames: Frames, latency: float, whole: bool = False) -> Diagram:
+    """A camera, an arm at rest, and perception with slots for what is unknown: the can is.
+
+    Where `whole`, a process beside takes images apart, too.
+    """
     tuning, builder = scenario.Perception(latency=latency), DiagramBuilder()
     film = builder.AddSystem(Film(frames))
     arm = builder.AddSystem(ConstantVectorSource(np.concatenate([Q, np.zeros(7)])))
     perception = builder.AddNamedSystem("perception", PerceptionSystem(scenario.ArmModel(), CAMERA, tuning))
     library = {"sugar_box": asset("sugar_box")}
-    estimator = IcpPoseEstimator(library, CAMERA, scenario.Registration(), tuning, scenario.Slots())
+    parting = perception.parting if whole else None
+    estimator = IcpPoseEstimator(library, CAMERA, scenario.Registration(), tuning, scenario.Slots(), parting=parting)
     builder.AddNamedSystem("poses", estimator)
     for name in ("rgb_image", "depth_image", "image_time"):
         builder.Connect(film.GetOutputPort(name), perception.GetInputPort(name))
     builder.Connect(arm.get_output_port(), perception.GetInputPort("arm_state"))
-    builder.Connect(perception.GetOutputPort("segments"), estimator.GetInputPort("segments"))
+    for name in ("segments", *(["picture"] if whole else [])):
+        builder.Connect(perception.GetOutputPort(name), estimator.GetInputPort(name))
     for name in PORTS:
         builder.ExportOutput(estimator.GetOutputPort(name), name)
     return builder.Build()
@@ -69,9 +75,26 @@ def test_poses_are_the_same_and_later(frames: Frames) -> None:
     assert not np.array_equal(late[2], late[3])
 
 
+def test_an_image_as_delivered_asks_the_same(frames: Frames) -> None:
+    diagram = eyes(frames, LATE, whole=True)
+    for one, other in zip(told(eyes(frames, LATE), LATE), told(diagram, LATE), strict=True):
+        np.testing.assert_array_equal(one, other)
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(CAMERA.latency + 0.002)
+    perception = cast(PerceptionSystem, diagram.GetSubsystemByName("perception"))
+    context = diagram.GetSubsystemContext(perception, simulator.get_context())
+    segments, seen = (perception.GetOutputPort(name).Eval(context) for name in ("segments", "picture"))
+    copied, picture = pickle.loads(pickle.dumps((perception.parting, seen)))
+    again = copied.apart(picture)
+    assert again.time == segments.time == 0.0 and len(segments.points_W) > 100
+    np.testing.assert_array_equal(again.points_W, segments.points_W)
+    np.testing.assert_array_equal(again.label_image, segments.label_image)
+
+
 @pytest.mark.long
-def test_a_process_of_its_own_tells_the_same_to_the_bit(frames: Frames) -> None:
-    here, diagram = told(eyes(frames, LATE), LATE), eyes(frames, LATE)
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_process_of_its_own_tells_the_same_to_the_bit(frames: Frames, whole: bool) -> None:
+    here, diagram = told(eyes(frames, LATE), LATE), eyes(frames, LATE, whole)
     estimator = cast(IcpPoseEstimator, diagram.GetSubsystemByName("poses"))
     with estimator.looking_beside():
         there = told(diagram, LATE)

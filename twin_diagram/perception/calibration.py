@@ -16,10 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.perception.depth_noise import excess
+from twin_diagram.perception.calibration_kernels import distances, normal_equations, scatter, seen_at
+from twin_diagram.perception.depth_noise import excess_of
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.calibration_error import SIZE, CalibrationError, point_shifts
+from twin_diagram.signals.calibration_error import SIZE, CalibrationError
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,12 @@ class Tuning:
     steps: int = 6
     """Of Gauss-Newton at most: errors of a degree are gone after three."""
 
-    settled: float = 1e-7
-    """A step whose errors are all smaller ends it [rad; m; share]."""
+    settled: float = 0.02
+    """A step of so few standard deviations of the estimate ends it: each is a fifth to a tenth of the one before."""
+
+    same: float = 0.3
+    """Steps that come so near to where others ended, in standard deviations, go there, too, and are given up: of a
+    tabletop's arm that is after the second, and places of rest are two standard deviations from each other."""
 
     cut: float = 4.0
     """Residuals beyond so many standard deviations are another thing's (Tukey's weights end there)."""
@@ -46,6 +52,9 @@ class Tuning:
 
     cell: float = 53.0
     """Side of a square of such an area [px]: what is seen in one square in several frames errs alike in all of them."""
+
+    least: float = 1e-5
+    """No point's distance from a surface is taken to be known better [m]."""
 
     first_doubt: float = 0.02
     """How far points may be aside before the first step [m]: 5 mm and half a degree at 2 m."""
@@ -130,16 +139,19 @@ def calibrate(
     prior = np.maximum(told.variances, 1e-16)
     together = pixels_together(surfaces, camera.width)
 
-    def ended(start: Array, doubt: float) -> tuple[float, Array, Array]:
-        errors, information = _gauss_newton(surfaces, together, camera, prior, start, doubt)
-        return _cost(surfaces, together, corrected(camera, errors), errors, prior), errors, information
+    def likely(end: tuple[Array, Array]) -> float:
+        return _cost(surfaces, together, corrected(camera, end[0]), end[0], prior)
 
-    ends = [ended(np.zeros(SIZE), TUNING.first_doubt) if before is None else ended(before, 0.0)]
+    start, doubt = (np.zeros(SIZE), TUNING.first_doubt) if before is None else (before, 0.0)
+    first = _gauss_newton(surfaces, together, camera, prior, start, doubt)
+    assert first is not None
+    ends = [first]
     if surfaces:
-        _, best, information = ends[0]
+        best, information = first
         step = TUNING.aside * _least_known(information, prior)
-        ends += [ended(best + step, 0.0), ended(best - step, 0.0)]
-    _, errors, information = min(ends, key=lambda end: end[0])
+        others = (_gauss_newton(surfaces, together, camera, prior, best + s * step, 0.0, best) for s in (1.0, -1.0))
+        ends += [end for end in others if end is not None]
+    errors, information = first if len(ends) == 1 else min(ends, key=likely)
     covariance = np.linalg.inv(information)
     return CalibrationEstimate(errors, 0.5 * (covariance + covariance.T), sum(len(s.depth) for s in surfaces))
 
@@ -151,7 +163,8 @@ def _gauss_newton(
     prior: Array,
     start: Array,
     doubt: float,
-) -> tuple[Array, Array]:
+    known: Array | None = None,
+) -> tuple[Array, Array] | None:
     """Return errors (10,) where the steps from `start` come to rest, and the information (10, 10) there.
 
     Args:
@@ -161,6 +174,7 @@ def _gauss_newton(
         prior: (10,) variances of the errors.
         start: (10,)
         doubt: how far points may be aside before the first step [m].
+        known: (10,) where others came to rest; None is returned where these do so there, too.
     """
     errors, information = start, np.diag(1.0 / prior)
     for k in range(TUNING.steps):
@@ -169,11 +183,18 @@ def _gauss_newton(
         for surface, alike in zip(surfaces, together, strict=True):
             A, right = _normal_equations(surface, view, alike, doubt if k == 0 else 0.0)
             H, b = H + A, b + right
-        step = np.linalg.solve(H, b)
+        step = np.asarray(np.linalg.solve(H, b), dtype=float)
         errors, information = errors + step, H
-        if np.abs(step).max() < TUNING.settled:
+        if known is not None and _apart(errors, known, H) < TUNING.same:
+            return None
+        if _apart(step, np.zeros(SIZE), H) < TUNING.settled:
             break
     return errors, information
+
+
+def _apart(first: Array, second: Array, information: Array) -> float:
+    """Return how far errors (10,) are from others, in standard deviations of the estimate."""
+    return float(np.sqrt(max(float((first - second) @ information @ (first - second)), 0.0)))
 
 
 def _least_known(information: Array, prior: Array) -> Array:
@@ -249,14 +270,13 @@ def _normal_equations(
     if not len(surface.depth):
         return np.zeros((SIZE, SIZE)), np.zeros(SIZE)
     camera, seen = corrected_view[0], _residuals(surface, corrected_view)
-    distance = seen.distance
-    shifts = point_shifts(seen.points_C, camera.R_WC, camera.fx, camera.fy)
-    J = np.einsum("ni,nij->nj", seen.normals, shifts)
     weight = _weights(seen, np.hypot(seen.sigma, surface.place_std + doubt), surface, together)
-    H, b = (J * weight[:, None]).T @ J, (J * weight[:, None]).T @ distance
+    H, b, along, total, pull = normal_equations(
+        seen.points_C, seen.normals, seen.distance, weight, one_layout(camera.R_WC), camera.fx, camera.fy
+    )
     if surface.place_std > 0.0:
         # One number more that all points share, the surface's place, is eliminated.
-        total, pull, along = weight.sum() + surface.place_std**-2, weight @ distance, weight @ J
+        total += surface.place_std**-2
         H, b = H - np.outer(along, along) / total, b - along * pull / total
     return H, b
 
@@ -274,16 +294,13 @@ class _Residuals:
 def _residuals(surface: KnownSurface, corrected_view: tuple[Pinhole, float]) -> _Residuals:
     """Return how far off a surface the camera as believed shows its points."""
     view, factor = corrected_view
-    z = surface.depth * factor
-    (cu, cv), (u, v) = view.centre, surface.pixels.T
-    points_C = np.column_stack([(u - cu) / view.fx * z, (v - cv) / view.fy * z, z])
-    points_W = points_C @ view.R_WC.T + view.p_WC
-    places, normals = surface.nearest(points_W)
-    distance = np.einsum("ni,ni->n", normals, points_W - places)
-    # Noise is along the line of sight; what of it shows is what of that is across the surface.
-    across = np.abs(np.einsum("ni,ni->n", normals, points_W - view.p_WC)) / np.maximum(z, 1e-6)
-    sigma = np.maximum(view.depth_noise(z) * across, 1e-5)
-    return _Residuals(distance, sigma * excess(distance - np.median(distance), sigma), points_C, normals)
+    z, lens = surface.depth * factor, np.array([view.fx, view.fy, *view.centre])
+    R_WC, p_WC, noise = one_layout(view.R_WC), one_layout(view.p_WC), view.depth_noise
+    points_C, points_W = seen_at(one_layout(surface.pixels), z, lens, R_WC, p_WC)
+    places, normals = (one_layout(found) for found in surface.nearest(points_W))
+    told = (noise.floor, noise.growth, noise.start)
+    distance, sigma = distances(points_W, places, normals, p_WC, z, told, TUNING.least)
+    return _Residuals(distance, sigma * excess_of(scatter(distance, sigma), len(distance)), points_C, normals)
 
 
 def _worth(surface: KnownSurface, together: Array) -> Array:

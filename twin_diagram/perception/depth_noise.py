@@ -90,11 +90,15 @@ def excess(residual: Array, sigma: Array) -> float:
     Returns:
         Factor on the standard deviation, robust against a third of outliers; 1 where there are too few to tell.
     """
-    if len(residual) < TUNING.fewest:
-        return 1.0
-    factor = TUNING.normal * float(np.median(np.abs(residual) / sigma))
+    few = len(residual) < TUNING.fewest
+    return 1.0 if few else excess_of(float(np.median(np.abs(residual) / sigma)), len(residual))
+
+
+def excess_of(scatter: float, count: int) -> float:
+    """Return the same as `excess` of `count` residuals whose median size is `scatter` standard deviations."""
+    factor = TUNING.normal * scatter
     # So many residuals scatter by themselves: what is within that is none.
-    return factor if factor > 1.0 + 2.0 / np.sqrt(len(residual)) else 1.0
+    return factor if count >= TUNING.fewest and factor > 1.0 + 2.0 / np.sqrt(count) else 1.0
 
 
 def measured(depth: npt.NDArray[np.floating]) -> DepthSigma:

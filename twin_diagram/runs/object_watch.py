@@ -26,6 +26,7 @@ class ObjectWatch:
         """`note` takes the events; `no_way` says why no way led to the goal at a time [s], where none did."""
         self._twin, self._note, self._no_way = twin, note, no_way
         self._newest = -1.0
+        self._ring = np.zeros(0)
         self._newest_step = -1.0
         self._steps: list[dict[str, Any]] = []
 
@@ -33,11 +34,13 @@ class ObjectWatch:
         """Keep the scene, and tell of what has happened since the last look; `context` is the whole Diagram's."""
         own = self._twin.diagram.GetMyMutableContextFromRoot(context)
         self._twin.keep_scene(own)
-        # Those of one tick come together, so none is added to a time that was told of.
-        fresh = [event for event in self._twin.events(own) if event["time"] > self._newest]
-        for event in fresh:
-            self._note(event)
-            self._newest = event["time"]
+        ring = np.array(self._twin.diagram.GetOutputPort("object_events").Eval(own))
+        if not np.array_equal(ring, self._ring):  # to find words takes a millisecond
+            self._ring = ring
+            # Those of one tick come together, so none is added to a time that was told of.
+            for event in [event for event in self._twin.events(own) if event["time"] > self._newest]:
+                self._note(event)
+                self._newest = event["time"]
         steps = self._twin.step_events(own)
         fresh = [self._explained(event) for event in steps if event["time"] > self._newest_step]
         for event in fresh:

@@ -18,6 +18,10 @@ class Tuning:
     horizon: float = 0.3
     """Distances beyond this are not told apart [m]."""
 
+    closer: tuple[float, ...] = (0.05, 0.15)
+    """Looked within first [m]: most of the time something is so near, and of seven objects on a table 1700 pairs of
+    shapes are within 30 cm, 70 within 5 cm."""
+
 
 TUNING = Tuning()
 
@@ -51,14 +55,10 @@ class TrueClearance:
         """
         query: Any = self._station.GetOutputPort(ports.QUERY_OBJECT).Eval(context)
         nearest = horizon
-        for pair in query.ComputeSignedDistancePairwiseClosestPoints(horizon):
-            a, b = pair.id_A, pair.id_B
-            if (a in self._arm) == (b in self._arm):
-                continue
-            mine, other = (a, b) if a in self._arm else (b, a)
-            if mine in self._base and other in self._still:
-                continue
-            nearest = min(nearest, pair.distance)
+        for reach in (*(closer for closer in TUNING.closer if closer < horizon), horizon):
+            nearest = self._nearest(query, reach)
+            if nearest < reach:
+                break
         results: Any = self._station.GetOutputPort(ports.CONTACT_RESULTS).Eval(context)
         contacts = 0
         for i in range(results.num_point_pair_contacts()):
@@ -68,6 +68,19 @@ class TrueClearance:
             surface = results.hydroelastic_contact_info(i).contact_surface()
             contacts += (surface.id_M() in self._arm) != (surface.id_N() in self._arm)
         return nearest, contacts
+
+    def _nearest(self, query: Any, horizon: float) -> float:
+        """Return the least distance [m], or `horizon` [m] where nothing is so near."""
+        nearest = horizon
+        for pair in query.ComputeSignedDistancePairwiseClosestPoints(horizon):
+            a, b = pair.id_A, pair.id_B
+            if (a in self._arm) == (b in self._arm):
+                continue
+            mine, other = (a, b) if a in self._arm else (b, a)
+            if mine in self._base and other in self._still:
+                continue
+            nearest = min(nearest, pair.distance)
+        return nearest
 
 
 def _index(body: int) -> Any:

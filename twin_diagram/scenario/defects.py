@@ -85,6 +85,8 @@ class ArmDefects:
     """White noise of the measured torque [N·m]."""
     torque_bias: list[float] = field(default_factory=list)
     """Constant error of the measured torque per joint [N·m]; empty: none."""
+    torque_gain: list[float] = field(default_factory=list)
+    """Measured over true torque per joint, whatever else the arm's effects make of it; empty: 1."""
 
 
 @document

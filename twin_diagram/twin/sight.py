@@ -61,10 +61,11 @@ def add_sight(
         connect_ports(builder, eyes, updater, "rests")
         return _tell_of_sight(builder, eyes, updater, health, moves, runner, monitor)
     camera = cameras[0]
+    first: System
+    last: System
     if own is None:
-        first: System = PerceptionSystem(twin.arm, camera, twin.perception, packages)
-        registrar = IcpPoseEstimator(library, camera, twin.registration, twin.perception, twin.slots, twin.scene)
-        last: System = builder.AddNamedSystem("icp_pose_estimator", registrar)
+        first, last = _own_eyes(twin, library, camera, packages)
+        builder.AddNamedSystem("icp_pose_estimator", last)
     else:
         images = {"rgb_image": VALUE, "depth_image": VALUE, "image_time": 1}
         state = ekf.GetOutputPort("arm_state").size()
@@ -81,7 +82,7 @@ def add_sight(
         builder.ConnectInput(image_time, system.GetInputPort("image_time"))
     connect_ports(builder, ekf, first, *inputs_of(first, ("arm_state",)))
     if own is None:
-        connect_ports(builder, first, last, "segments")
+        connect_ports(builder, first, last, "segments", *inputs_of(last, ("picture",)))
     if own is None and calibration_error(camera).variances.any():
         calibrator = add_calibrator(builder, twin.arm, camera, twin.perception, packages)
         connect_ports(builder, ekf, calibrator, "arm_state")
@@ -89,6 +90,15 @@ def add_sight(
             connect_ports(builder, calibrator, user, "calibration")
     _tell_of_sight(builder, last, updater, health, moves, runner, monitor)
     return last if isinstance(last, IcpPoseEstimator) else None
+
+
+def _own_eyes(
+    twin: scenario.Twin, library: dict[str, Asset], camera: scenario.Camera, packages: Packages | None
+) -> tuple[PerceptionSystem, IcpPoseEstimator]:
+    """Return what takes a camera's images apart, and what finds objects in them."""
+    first = PerceptionSystem(twin.arm, camera, twin.perception, packages)
+    settings = (twin.registration, twin.perception, twin.slots, twin.scene)
+    return first, IcpPoseEstimator(library, camera, *settings, first.parting)
 
 
 def _tell_of_sight(

@@ -13,11 +13,14 @@ from display_truth.shown import Shown
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import cKDTree
 
+from real2sim_truth.run_figures import extras_of, final_positions, run_row
 from twin_diagram.assets.building.inertia import solid_of
+from twin_diagram.assets.building.measured import SIX
 from twin_diagram.assets.building.surface import weld
-from twin_diagram.assets.description import read_spec
+from twin_diagram.assets.description import AssetSpec, read_spec
 from twin_diagram.assets.mesh import parse_obj
 from twin_diagram.logs.frames.transforms_folder import TransformsFolder
+from twin_diagram.model import Model
 from twin_diagram.runs.learning.following import register
 from twin_diagram.runs.learning.record import LIBRARY, OBJECTS, STATE
 from twin_diagram.runs.learning.seen_map import TUNING as SEEN
@@ -28,6 +31,8 @@ from twin_diagram.scenario.resources import resolve
 from twin_diagram.station.sim.world_plant import build_world
 
 Array = npt.NDArray[np.float64]
+ALIKE = 0.3
+"""Axes are compared where moments differ by this share."""
 
 
 @dataclass(frozen=True)
@@ -173,9 +178,12 @@ def scored(one: dict[str, Any], out: Path, true: TrueObject, X_WO: Array) -> dic
     def worst(moments: Array) -> float:
         return float(np.abs(moments / want - 1.0).max())
 
+    off = X[:3, :3].T @ (X[:3, 3] - true.centre)
     return {
         "object": one["name"],
         "true": true.name,
+        "axis_deg": worst_axis(true.inertia, inertia),
+        "held": intervals_hold(spec, true, off, X[:3, :3].T @ true.inertia @ X[:3, :3]),
         "to_truth_mm": 1e3 * float(there.mean()),
         "to_mesh_mm": 1e3 * float(back.mean()),
         "within_3mm": float((back < 3e-3).mean()),
@@ -189,6 +197,37 @@ def scored(one: dict[str, Any], out: Path, true: TrueObject, X_WO: Array) -> dic
         "by": spec.inertial_by,
         "mass_z": None if not spec.mass_std else (spec.mass - true.mass) / spec.mass_std,
     }
+
+
+def worst_axis(want: Array, found: Array) -> float | None:
+    """Return by how much the worst principal axis is off [deg], of those whose moment no other is near to; None: none.
+
+    Args:
+        want: (3, 3) true inertia.
+        found: (3, 3) that was found.
+    """
+    moments, axes = np.linalg.eigh(want)
+    angles = np.degrees(np.arccos(np.clip(np.abs(np.sum(axes * np.linalg.eigh(found)[1], axis=0)), 0.0, 1.0)))
+    gap = np.diff(moments) / moments[:-1] >= ALIKE
+    return max(
+        (float(angle) for angle, apart in zip(angles, (gap[0], gap.all(), gap[1]), strict=True) if apart), default=None
+    )
+
+
+def intervals_hold(spec: AssetSpec, true: TrueObject, off: Array, inertia: Array) -> list[bool] | None:
+    """Return whether the told 95 % intervals of mass, centre (3) and inertia (6) hold the truth; None: none are told.
+
+    Args:
+        spec: of the asset.
+        true: the object.
+        off: (3,) from the true centre to the asset's, along the asset's axes [m].
+        inertia: (3, 3) true one along them.
+    """
+    if not (spec.mass_std and spec.centre_std and spec.inertia_std and spec.inertia):
+        return None
+    errors = [spec.mass - true.mass, *off, *(own - inertia[at] for own, at in zip(spec.inertia, SIX, strict=True))]
+    stds = [spec.mass_std, *spec.centre_std, *spec.inertia_std]
+    return [bool(abs(error) <= 1.96 * std) for error, std in zip(errors, stds, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -228,11 +267,19 @@ def matched(scenario: Scenario, out: Path) -> list[Matched]:
 def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
     """Return the scores of each finished object of a run, and a row for each other one."""
     rows: list[dict[str, Any]] = []
+    model = Model.load(scenario.twin.arm, dict(scenario.packages), torque_side=scenario.twin.driver.torque_side)
     for each in matched(scenario, out):
         one = each.one
+        own = extras_of(model, out, one["name"])
         if each.true is None or each.X_WO is None:
-            rows.append({"object": one["name"], "state": one["state"], "why": one["why"]})
+            rows.append(own | {"object": one["name"], "state": one["state"], "why": one["why"]})
         else:
             scores = scored(one, out, each.true, each.X_WO)
-            rows.append({"state": "finished", "why": one["why"], **scores})
+            loaded = scenario.world.objects[each.true.name].load_at is not None
+            rows.append(own | {"state": "finished", "why": one["why"], "loaded": loaded, **scores})
     return rows
+
+
+def left_behind(scenario: Scenario, out: Path) -> dict[str, Any]:
+    """Return where a run left its objects; see `run_row`."""
+    return run_row(scenario, out, {t.name: t.X_WO[:3, 3] for t in true_objects(scenario, final_positions(out))})

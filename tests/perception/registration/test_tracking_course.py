@@ -282,13 +282,13 @@ def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_slot_comes_back_from_its_vector() -> None:
-    one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3, 0.8, 2.0, True)
+    one = Slot(True, turn(0.1, 0.2, 0.3), P, np.arange(6.0), 1.5, 2.5, 3, 0.8, 2.0, True, 0.01 * np.arange(6.0))
     packed = one.pack()
-    assert packed.shape == (SLOT_SIZE,) == (20,)
+    assert packed.shape == (SLOT_SIZE,) == (26,)
     back = Slot.unpack(packed)
     assert (back.known, back.seen, back.next_search, back.attempts) == (True, 1.5, 2.5, 3)
     assert (back.alike, back.odds, back.aloft) == (0.8, 2.0, True)
-    for name in ("R", "p", "velocity"):
+    for name in ("R", "p", "velocity", "aside"):
         np.testing.assert_allclose(getattr(back, name), getattr(one, name), atol=1e-12)
     assert not Slot.unpack(Slot().pack()).known
 

@@ -61,3 +61,7 @@ def test_ways_keep_clear_of_what_stands_about_until_it_is_gone() -> None:
     mover.stand("there", [thing + [0.0, 0.5, 0.0]], 0.0)
     mover.stand("here", [], 0.0)
     assert mover.free(home[None], 0.01)[0]
+    with pytest.raises(ValueError), mover.blocked(tip - 0.02, tip + 0.02):
+        assert not mover.free(home[None], 0.01)[0]
+        raise ValueError
+    assert mover.free(home[None], 0.01)[0]

@@ -13,6 +13,7 @@ import pytest
 
 from tests.runs.learning.held_box import shown, turned
 from twin_diagram.errors import TwinError
+from twin_diagram.estimation.weighing import WeighingError
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
@@ -61,8 +62,10 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt: Picked(one, taken))
     monkeypatch.setattr(handling, "show_first", bin_.show)
     monkeypatch.setattr(handling, "let_go", bin_.let_go)
+    monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.correct_cameras", lambda *told: [])
     record = LearningRecord(folder, Scenario())
-    tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries))
+    tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries), cameras={}, faces=None)
     return Learner(tools, record, record.begin(), lambda text: None)
 
 
@@ -135,7 +138,8 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
     jobs: Any = SimpleNamespace(add=lambda name, folder: None, poll=list, pending=[], close=lambda: None)
     run._jobs, learning = jobs, Learning(grasps=1, weigh_seconds=0.0)
     cell = SimpleNamespace(**vars(run.tools.cell), opening=0.05, q=np.zeros(7), moment=lambda name: None)
-    tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=SimpleNamespace(tool=lambda q: np.eye(4)))
+    mover = SimpleNamespace(tool=lambda q: np.eye(4))
+    tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=mover, cameras={}, faces=None)
     run.tools = tools
     run.run()
     assert [one.state for one in run.state.learned] == ["failed", "failed", "handled"]
@@ -160,3 +164,27 @@ def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_wor
             pass
         kept = LearningRecord(tmp_path / "run", Scenario()).resume()
         assert [one.state for one in kept.learned] == [expected] and kept.world["positions"].tolist() == [1.0, 2.0]
+
+
+def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, held = learner(Bin([]), tmp_path / "run", monkeypatch), ShownObject(X_ST=[np.eye(4)])
+    grasps: list[int] = []
+
+    def show_again(tools: Any, what: ShownObject) -> bool:
+        what.X_ST.append(np.eye(4))
+        return True
+
+    def weigh_held(tools: Any, what: ShownObject, folder: Path) -> float:
+        grasps.append(len(what.X_ST))
+        raise WeighingError("no motion keeps the limit of grip")
+
+    monkeypatch.setattr(handling, "show_again", show_again)
+    monkeypatch.setattr(handling, "weigh_held", weigh_held)
+    run._weigh("object_01", held, tmp_path)
+    assert grasps == [1, 2] and held.notes == ["not weighed: no motion keeps the limit of grip"] * 2
+    grasps.clear()
+    held.X_ST = [np.eye(4)] * run.tools.learning.most_grasps
+    run._weigh("object_01", held, tmp_path)
+    assert grasps == [3], "no more grasps than there may be"

@@ -39,17 +39,44 @@ def test_a_turn_is_about_the_vertical() -> None:
     assert turned(DOWN, 0.4)[:, 2] == pytest.approx(DOWN[:, 2])
 
 
+LOW, HIGH = np.array([0.3, 0.2, 0.01]), np.array([0.6, 0.6, 0.12])
+
+
+def below(place: np.ndarray) -> np.ndarray:
+    """Where the box's points are that stands there, from above."""
+    X = pose_over(BOX_T, turned(DOWN, float(place[3])), place[:2], float(place[2]))
+    return np.asarray(BOX_T @ X[:3, :3].T + X[:3, 3])[:, :2]
+
+
 def test_places_are_beside_what_stands_there_before_they_are_upon_it() -> None:
-    low, high = np.array([0.3, 0.2, 0.01]), np.array([0.6, 0.6, 0.12])
-    empty = places_in(low, high, [], BOX_T, DOWN)
-    assert empty[0][:2] == pytest.approx([0.45, 0.4], abs=0.03) and empty[0][2] == 0.01
+    empty = places_in(LOW, HIGH, [], BOX_T, DOWN)
+    assert all(place[2] == 0.01 for place in empty)
+    assert np.hypot(*(empty[0][:2] - [0.45, 0.4])) > 0.15, "the middle stays free for others"
     one = PutDown((0.45, 0.3), 0.05, 0.11)
-    beside = places_in(low, high, [one], BOX_T, DOWN)
-    assert all(place[2] == 0.01 for place in beside)
-    assert np.hypot(beside[0][0] - 0.45, beside[0][1] - 0.3) > 0.05 + 0.042
+    beside = places_in(LOW, HIGH, [one], BOX_T, DOWN)
+    assert all(place[2] == 0.01 for place in beside) and len(beside) > 8
+    for place in [*empty, *beside]:
+        points = below(place)
+        assert (points > LOW[:2] - 0.006).all() and (points < HIGH[:2] + 0.006).all()
+    for place in beside:
+        assert np.linalg.norm(below(place) - [0.45, 0.3], axis=1).min() > 0.05
     # Where all of the floor is taken, it goes upon something.
-    full = places_in(low, high, [PutDown((0.45, 0.4), 0.5, 0.11)], BOX_T, DOWN)
+    full = places_in(LOW, HIGH, [PutDown((0.45, 0.4), 0.5, 0.11)], BOX_T, DOWN)
     assert full[0][2] == 0.11
+
+
+def test_four_large_things_find_room_on_a_bins_floor() -> None:
+    """Their circles would not: 24 x 7 cm each, in a bin of 30 by 40 cm."""
+    large = RNG.uniform([-0.12, -0.035, 0.0], [0.12, 0.035, 0.2], (4000, 3))
+    standing: list[PutDown] = []
+    for _ in range(4):
+        place = places_in(LOW, HIGH, standing, large, DOWN)[0]
+        assert place[2] == 0.01
+        standing.append(PutDown.standing(large, DOWN, place))
+    for one in standing:
+        assert one.top == pytest.approx(0.21, abs=2e-3) and PutDown.of_numbers(one.numbers()) == one
+    cells = [cell for one in standing for cell in np.round(np.array(one.cells) / 0.01).astype(int).tolist()]
+    assert len(cells) == len({tuple(cell) for cell in cells}), "none stands where another one does"
 
 
 def grasps(rows: list[tuple[np.ndarray, list[float]]], score: list[float]) -> Grasps:
@@ -65,6 +92,13 @@ def test_straight_grasps_come_before_better_slanted_ones() -> None:
     leaning = np.array([[0.8, 0.0, 0.6], [0.0, -1.0, 0.0], [0.6, 0.0, -0.8]])
     found = grasps([(slanted, [0, 0, 0]), (leaning, [0, 0, 0]), (DOWN, [0, 0, 0])], [0.0, 0.05, 0.2])
     assert downward(found).tolist() == [2, 1]
+
+
+def test_grasps_by_the_very_tips_come_last() -> None:
+    found = grasps([(DOWN, [0, 0, 0.1]), (DOWN, [0, 0, 0.1])], [0.0, 0.9])
+    found.contacts[0, :, 2] = 0.1 - 0.008
+    found.contacts[1, :, 2] = 0.1 + 0.004
+    assert downward(found).tolist() == [1, 0]
 
 
 def test_walls_stand_about_the_inside() -> None:
@@ -97,6 +131,17 @@ def test_what_turned_in_the_hand_can_be_set_down_all_the_same() -> None:
     as_it_stood = DOWN @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     assert abs(as_it_stood[2, 2]) < 1e-9, "that would need a tool that lies"
     assert any(R[2, 2] < -0.99 and np.ptp(tilted @ R[2]) == pytest.approx(0.04) for R in resting(tilted, as_it_stood))
+
+
+def test_what_leans_as_it_stood_is_set_down_on_its_nearest_side() -> None:
+    corners = np.array(np.meshgrid([-0.02, 0.02], [-0.06, 0.06], [0.0, 0.09])).reshape(3, -1).T
+    c, s = np.cos(0.55), np.sin(0.55)
+    leaning = DOWN @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    first = resting(corners, leaning)[0]
+    assert np.sort(corners @ first[2])[:4] == pytest.approx(-0.09)
+    assert np.arccos(0.5 * (np.trace(leaning.T @ first) - 1.0)) == pytest.approx(0.55)
+    slightly = DOWN @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -0.1], [0.0, 0.1, 1.0]]) / np.sqrt(1.01)
+    assert resting(corners, slightly)[0] is slightly
 
 
 def test_points_on_one_plane_rest_as_they_stood() -> None:

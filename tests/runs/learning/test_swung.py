@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from twin_diagram.estimation.weighing import Grip
 from twin_diagram.logs.measured_log import Log
-from twin_diagram.runs.learning.weighing import Swung, read_swung, slipped, write_swung
+from twin_diagram.runs.learning.cell import Recording
+from twin_diagram.runs.learning.weighing import (
+    Slipping,
+    Swung,
+    grip_on,
+    read_swung,
+    share_of,
+    slipped,
+    swing,
+    write_swung,
+)
+from twin_diagram.signals.arrays import Array
 
 
 def swung() -> Swung:
@@ -42,3 +58,73 @@ def test_what_crept_is_in_the_middle_of_its_way() -> None:
     assert half == pytest.approx([0.0, 0.02, 0.0], abs=1e-12)
     still = slipped(before, before.X_TS)
     assert still.X_TS == pytest.approx(before.X_TS) and still.slip == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def drum(axis: Array, radius: float) -> Array:
+    """Points (N, 3) all over a long drum about a direction (3,) through the pads' middle, every millimetre or so."""
+    angle, along = np.random.default_rng(1).uniform([0.0, -0.05], [2.0 * np.pi, 0.05], (40000, 2)).T
+    across = np.cross(axis, [0.0, 1.0, 0.0])
+    ring = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * np.array([0.0, 1.0, 0.0])
+    return np.asarray(radius * ring + along[:, None] * axis + np.array([0.0, 0.0, -0.0125]))
+
+
+def test_pads_hold_a_flat_thing_all_over_and_a_round_one_along_a_strip() -> None:
+    rng = np.random.default_rng(0)
+    flat = np.column_stack([rng.uniform(-0.04, 0.04, 4000), np.full(4000, 0.02), rng.uniform(-0.06, 0.06, 4000)])
+    held = grip_on(np.vstack([flat, flat * [1.0, -1.0, 1.0]]), 0.04, 75.0)
+    assert held.pad_width == pytest.approx(0.021, abs=1e-3) and held.pad_length == pytest.approx(0.045, abs=2e-3)
+    assert held.centre == pytest.approx((0.0, 0.0, -0.0125), abs=1e-3)
+    upright = grip_on(drum(np.array([0.0, 0.0, 1.0]), 0.02), 0.04, 75.0)
+    assert upright.pad_length > 0.04 and 0.008 < upright.pad_width < 0.013
+    slanted = grip_on(drum(np.array([0.5, 0.0, -np.sqrt(0.75)]), 0.02), 0.04, 75.0)
+    assert slanted.pad_length < 0.6 * upright.pad_length
+    assert (slanted.capacity[3:] < held.capacity[3:]).all(), "about no axis does a strip hold as much as a patch"
+    # Hardly any point where the pads are: what is nearest is taken for it.
+    sparse = grip_on(np.vstack([flat, flat * [1.0, -1.0, 1.0]]), 0.034, 75.0)
+    assert sparse.pad_length == pytest.approx(0.045, abs=2e-3)
+
+
+def test_what_takes_much_of_the_grip_at_rest_is_swung_with_more_of_it() -> None:
+    grip = Grip(75.0, 0.3, 0.02, 0.04, (0.0, 0.0, -0.01), 0.25)
+    assert share_of(grip, 0.3, np.array([0.0, 0.0, 0.03])) == 0.25, "it hangs straight below"
+    slide, turn = grip.capacity[0], grip.capacity[4]
+    beside = share_of(grip, 1.0, np.array([0.05, 0.0, 0.03]))
+    assert beside == pytest.approx(1.5 * np.hypot(9.81 / slide, 9.81 * 0.05 / turn))
+    assert share_of(grip, 2.0, np.array([0.3, 0.0, 0.03])) == 2.5, "there is an end to it"
+
+
+class Hand:
+    """A cell whose fingers come together from some time on while the arm swings."""
+
+    def __init__(self, turns: float) -> None:
+        self._turns, self.opening, self.braked = turns, 0.045, False
+
+    @contextmanager
+    def recording(self) -> Iterator[Recording]:
+        told = Recording()
+        for k in range(3):
+            told.time.append(0.005 * k)
+            for row in (told.position, told.velocity, told.torque):
+                row.append(np.zeros(2))
+        yield told
+
+    def wait(self, seconds: float) -> None:
+        pass
+
+    def follow(self, times: Array, q: Array, at: Any) -> None:
+        for now in times:
+            self.opening = 0.045 - 0.002 * max(0.0, now - self._turns)
+            at(now)
+
+    def brake(self) -> None:
+        self.braked = True
+
+
+def test_what_turns_between_the_fingers_is_swung_no_further() -> None:
+    motion: Any = SimpleNamespace(harmonics=SimpleNamespace(period=1.0), at=lambda times: (np.zeros((len(times), 2)),))
+    calm, turning = Hand(2.0), Hand(0.5)
+    swing(calm, motion, ("a", "b"), "loaded")  # type: ignore[arg-type]
+    assert not calm.braked
+    with pytest.raises(Slipping, match="turns between the fingers"):
+        swing(turning, motion, ("a", "b"), "loaded")  # type: ignore[arg-type]
+    assert turning.braked and turning.opening == pytest.approx(0.0445, abs=2e-5), "a quarter of a second later"

@@ -72,6 +72,12 @@ def test_noise_and_bias_are_added_as_seed_and_message_say() -> None:
     np.testing.assert_allclose(found["torque_measured"] - TORQUE - bias, 0.3 * noise[3:], atol=1e-12)
 
 
+def test_a_gain_is_of_what_is_measured_and_the_bias_comes_after_it() -> None:
+    gain, bias = [1.02, 0.99, 1.0], [0.5, -0.25, 0.0]
+    found = sensed(ArmDefects(torque_noise=0.0, torque_gain=gain, torque_bias=bias), 0.035)["torque_measured"]
+    np.testing.assert_allclose(found, np.array(gain) * TORQUE + bias, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("change", "field"),
     [
@@ -81,6 +87,7 @@ def test_noise_and_bias_are_added_as_seed_and_message_say() -> None:
         ({"torque_noise": -1e-9}, "torque_noise"),
         ({"velocity_noise": float("nan")}, "velocity_noise"),
         ({"torque_bias": [1.0, 2.0]}, "torque_bias"),
+        ({"torque_gain": [1.0, 2.0]}, "torque_gain"),
     ],
 )
 def test_what_cannot_be_is_refused(change: dict[str, Any], field: str) -> None:

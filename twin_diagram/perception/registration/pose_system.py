@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
@@ -24,6 +24,7 @@ from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot, measurem
 from twin_diagram.perception.registration.tracking import step
 from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, introduced, sizes
+from twin_diagram.perception.segmentation.segmentation_system import DeliveredImage, ImageParting
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.perception.things.memory import Life
@@ -76,6 +77,7 @@ class IcpPoseEstimator(LeafSystem):
         name: IcpPoseEstimator
         input_ports:
         - segments
+        - picture (with `parting`)
         output_ports:
         - object_poses
         - further_poses (with slots)
@@ -84,6 +86,7 @@ class IcpPoseEstimator(LeafSystem):
 
     Ports:
         segments: (`Segments`) of the newest image.
+        picture: (`DeliveredImage`) the same as it was delivered: a process that works beside takes it apart, too.
         object_poses: (K · MEASUREMENT_SIZE) a `PoseMeasurement` per object, in the library's order: X_WO at the image's
             capture time, covariance, quality; quality 0 with the last pose where an object was not found in the image,
             time `NEVER` before the first image. Quality below 0 is less the share of the object's surface through which
@@ -104,6 +107,7 @@ class IcpPoseEstimator(LeafSystem):
         perception: scenario.Perception | None = None,
         slots: scenario.Slots | None = None,
         scene: scenario.SceneUpdater | None = None,
+        parting: ImageParting | None = None,
     ) -> None:
         """Build the system.
 
@@ -115,6 +119,7 @@ class IcpPoseEstimator(LeafSystem):
             slots: for further instances and unknown things; None: each object is there once, all else is ignored, and
                 colours are taken to lie on depth.
             scene: of it when what is not seen counts as stale and as lost.
+            parting: what takes images apart, where that may be done beside; it has an effect with slots and a latency.
         """
         super().__init__()
         tuning = perception or scenario.Perception()
@@ -126,6 +131,7 @@ class IcpPoseEstimator(LeafSystem):
         self._smallest = tuning.smallest
         none = Segments.empty(Pinhole.from_scenario(camera).straight, tuning.stride, tuning.table_height)
         self._input = self.DeclareAbstractInputPort("segments", AbstractValue.Make(none))
+        self._picture = self._picture_port(parting) if tuning.latency > 0.0 and slots is not None else None
         count = len(library)
         empty = np.concatenate([measurement(Slot(), None, NEVER).pack() for _ in range(count)] or [np.zeros(0)])
         memory = np.concatenate([Slot().pack() for _ in range(count)] or [np.zeros(0)])
@@ -148,7 +154,7 @@ class IcpPoseEstimator(LeafSystem):
             lives = scene or scenario.SceneUpdater()
             life = Life(lives.stale_after, lives.lost_after)
             self._told = ImageSettings(self._library, params, tuning.smallest, slots, life, camera.colour_std)
-            self._look = ImageLook(self._told)
+            self._look = ImageLook(self._told, parting)
             self._declare_beside(self._told)
             if self._late:
                 self.DeclarePeriodicPublishEvent(1.0 / camera.rate, camera.latency + TUNING.after_delivery, self._ask)
@@ -244,46 +250,56 @@ class IcpPoseEstimator(LeafSystem):
             finally:
                 self._looking = None
 
-    def _new(self, context: Context) -> Segments | None:
-        """Return the newest image taken apart; None where it was taken in before: it says nothing new."""
-        segments = cast(Segments, self._input.Eval(context))
-        last = float(context.get_discrete_state(self._last).value()[0])
-        return None if segments.time < 0.0 or segments.time <= last else segments
+    def _picture_port(self, parting: ImageParting | None) -> InputPort | None:
+        """Declare the port of images as they were delivered; None where they cannot be taken apart beside."""
+        if parting is None:
+            return None
+        joints, nothing = np.zeros(parting.robot.joint_count), np.zeros((0, 0))
+        none = DeliveredImage(NEVER, nothing.astype(np.uint8), nothing.astype(np.float32), joints, joints, np.zeros(0))
+        return self.DeclareAbstractInputPort("picture", AbstractValue.Make(none))
 
-    def _question(self, context: Context, segments: Segments) -> ImageQuestion:
+    def _new(self, context: Context, port: InputPort) -> Any:
+        """Return the newest image; None where it was taken in before: it says nothing new."""
+        image = cast(Any, port.Eval(context))
+        last = float(context.get_discrete_state(self._last).value()[0])
+        return None if image.time < 0.0 or image.time <= last else image
+
+    def _question(self, context: Context, image: Segments | DeliveredImage) -> ImageQuestion:
         memory, beside = (np.array(context.get_discrete_state(i).value()) for i in (self._memory, self._beside))
-        return ImageQuestion(memory, beside, segments)
+        return ImageQuestion(memory, beside, image)
 
     @timed("IcpPoseEstimator")
     def _ask(self, context: Context) -> None:
         """Have an image be taken in before that is due; changes no result."""
         if self._looking is None or self._added:
             return
-        segments = self._new(context)
-        if segments is not None:
-            self._looking.ask(self._question(context, segments))
+        image = self._new(context, self._picture or self._input)
+        if image is not None:
+            self._looking.ask(self._question(context, image))
 
     @timed("IcpPoseEstimator")
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
-        segments = self._new(context)
-        if segments is None:
+        image = self._new(context, self._picture or self._input)
+        if image is None:
             return
         if self._told is None:
             vector = context.get_discrete_state(self._memory).value()
             slots = [Slot.unpack(part) for part in vector.reshape(-1, SLOT_SIZE)]
-            after, found, _ = step(self._library, slots, segments, self._params, self._smallest)
+            after, found, _ = step(self._library, slots, image, self._params, self._smallest)
             if after:
                 discrete.get_mutable_vector(self._memory).SetFromVector(np.concatenate([slot.pack() for slot in after]))
                 discrete.get_mutable_vector(self._out).SetFromVector(np.concatenate([one.pack() for one in found]))
         else:
-            question = self._question(context, segments)
-            there = None if self._looking is None else self._looking.answer(question)
-            answer = self._look.answer(question, tuple(self._added)) if there is None else there
+            answer = None if self._looking is None else self._looking.answer(self._question(context, image))
+            if answer is None:
+                # Others may have had it taken apart here already.
+                question = self._question(context, cast(Segments, self._input.Eval(context)))
+                answer = self._look.answer(question, tuple(self._added))
             discrete.get_mutable_vector(self._memory).SetFromVector(answer.memory)
             discrete.get_mutable_vector(self._out).SetFromVector(answer.poses)
             discrete.get_mutable_vector(self._beside).SetFromVector(answer.beside)
             discrete.get_mutable_vector(self._beside_out).SetFromVector(answer.told)
-        discrete.get_mutable_vector(self._last).SetFromVector([segments.time])
+        discrete.get_mutable_vector(self._last).SetFromVector([image.time])
 
     def _calc_poses(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state(self._out).value())

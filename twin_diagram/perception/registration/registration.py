@@ -85,6 +85,7 @@ class RegisteredPose:
         shape: quality without regard to colours.
         evidence: what its colours say of their shift beside depth; None where that is certain.
         odds: logarithm of the odds that it is not one of its turns that leave the shape alike; None: nobody looked.
+        alone: the same before it was taken into account that the object stands; None: it was not.
     """
 
     R: Array
@@ -97,6 +98,7 @@ class RegisteredPose:
     shape: float = 0.0
     evidence: ShiftEvidence | None = None
     odds: float | None = None
+    alone: RegisteredPose | None = None
 
 
 def information(rotation: float, translation: float) -> Array:

@@ -14,8 +14,8 @@ from twin_diagram.perception.registration.rotation import exp, from_quaternion, 
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, PoseMeasurement
 
-SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1 + 1
-"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds, aloft."""
+SLOT_SIZE: Final = 1 + POSE_SIZE + 6 + 1 + 1 + 1 + 1 + 1 + 1 + 6
+"""Numbers of a packed `Slot`: known, pose, velocity, seen, next search, attempts, alike, odds, aloft, aside."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,8 @@ class Slot:
         alike: how much it looks like itself before this camera, in this light, of what fits in shape; 0: not known.
         odds: logarithm of the odds that it is not one of its turns that leave the shape alike; see `turned_alike`.
         aloft: it was in the air when it was seen last, be it at rest: something holds it.
+        aside: (6,) turn and shift from its last pose to the one that the image alone told. Its velocity is of those:
+            what a plane begins or ceases to hold has not moved.
     """
 
     known: bool = False
@@ -90,11 +92,12 @@ class Slot:
     alike: float = 0.0
     odds: float = 0.0
     aloft: bool = False
+    aside: Array = field(default_factory=lambda: np.zeros(6))
 
     def pack(self) -> Array:
         """Return the slot as a vector (SLOT_SIZE,)."""
         tail = [self.seen, self.next_search, float(self.attempts), self.alike, self.odds, float(self.aloft)]
-        return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail])
+        return np.concatenate([[float(self.known)], to_quaternion(self.R), self.p, self.velocity, tail, self.aside])
 
     @staticmethod
     def unpack(vector: Array) -> Slot:
@@ -110,6 +113,7 @@ class Slot:
             alike=float(vector[17]),
             odds=float(vector[18]),
             aloft=bool(vector[19] > 0.5),
+            aside=vector[20:26].copy(),
         )
 
 
@@ -123,18 +127,28 @@ def predict(slot: Slot, time: float) -> tuple[Array, Array]:
 
 def seen(slot: Slot, result: RegisteredPose, time: float) -> Slot:
     """Return the slot after the object was found; its velocity is not known after an empty slot or a long gap."""
-    velocity = np.zeros(6)
+    velocity, alone = np.zeros(6), result.alone or result
     step = time - slot.seen
     if slot.known and 0.0 < step <= TUNING.coast:
-        rate = np.concatenate([log((result.R @ slot.R.T)[None])[0], result.p - slot.p]) / step
+        R, p = exp(slot.aside[:3]) @ slot.R, slot.p + slot.aside[3:]
+        rate = np.concatenate([log((alone.R @ R.T)[None])[0], alone.p - p]) / step
         # What the image does not tell it did not do: it would be predicted to go on for ever.
         process = np.diag(np.repeat(np.square(TUNING.changes), 3))
-        newest = process @ np.linalg.solve(process + result.covariance, rate)
+        newest = process @ np.linalg.solve(process + alone.covariance, rate)
         velocity = (1.0 - TUNING.newest) * slot.velocity + TUNING.newest * newest
-        if stands_still(velocity, result.covariance, step):
+        if stands_still(velocity, alone.covariance, step):
             velocity = np.zeros(6)
     odds = slot.odds if result.odds is None else result.odds
-    return Slot(True, result.R, result.p, velocity, time, NEVER, 0, _alike(slot.alike, result), odds)
+    return Slot(
+        known=True,
+        R=result.R,
+        p=result.p,
+        velocity=velocity,
+        seen=time,
+        alike=_alike(slot.alike, result),
+        odds=odds,
+        aside=np.concatenate([log((alone.R @ result.R.T)[None])[0], alone.p - result.p]),
+    )
 
 
 def _alike(before: float, result: RegisteredPose) -> float:

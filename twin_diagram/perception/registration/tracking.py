@@ -17,6 +17,7 @@ from twin_diagram.perception.registration.recognition import Aloft, looks_like_i
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, carried, measurement, postponed, seen
+from twin_diagram.perception.registration.standing import standing
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.registration.where_expected import (
@@ -87,12 +88,12 @@ def step(
     """
     time = segments.time
     view = View(segments, Frame.of(segments, shift), params, smallest)
-    tracked = follow_known(library, slots, view)
+    tracked = _standing(library, slots, view, follow_known(library, slots, view))
     recognised: dict[int, RegisteredPose] = {}
     searched: list[int] = []
     if len(tracked) < len(library):
         free = unexplained_by(library, tracked, segments)
-        tracked |= regain_lost(library, slots, tracked, view, free)
+        tracked |= _standing(library, slots, view, regain_lost(library, slots, tracked, view, free))
         searched = [k for k, slot in enumerate(slots) if k not in tracked and due(slot, time)]
         if int(free.sum()) < smallest:
             searched = []
@@ -123,6 +124,17 @@ def step(
     # Depth of what moves may be late, which lays its colours aside by more.
     rests = [pose.evidence for k, pose in tracked.items() if not np.any(slots[k].velocity)]
     return after, measured, learnt(shift, [one for one in rests if one is not None])
+
+
+def _standing(
+    library: Sequence[Known], slots: Sequence[Slot], view: View, found: Mapping[int, RegisteredPose]
+) -> dict[int, RegisteredPose]:
+    """Return poses found with what they tell of objects that stand, where they did not move just now."""
+    still = {k: library[k].feet for k in found if not np.any(slots[k].velocity)}
+    return {
+        k: standing(still[k], library[k].model.asset.symmetric_axis == "z", one, view.segments) if still.get(k) else one
+        for k, one in found.items()
+    }
 
 
 def _seen(known: Known, before: Slot, one: RegisteredPose, view: View) -> Slot:

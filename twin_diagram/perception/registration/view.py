@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twin_diagram import scenario
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import resting
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.standing import Footing, footings
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
 class Known:
-    """An object of the library, ready to be found: its model and the orientations in which it rests."""
+    """An object of the library, ready to be found.
+
+    Attributes:
+        model: its cloud.
+        upright, fallen: orientations R_WO in which it rests on a level plane, and how high O is above it [m].
+        feet: faces on which it rests.
+    """
 
     model: ModelCloud
     upright: list[tuple[Array, float]]
     fallen: list[tuple[Array, float]]
+    feet: Sequence[Footing] = ()
 
     @staticmethod
     def of(model: ModelCloud) -> Known:
-        """Return a model with the orientations in which it rests."""
+        """Return a model with the ways in which it rests."""
         orientations = resting(model.asset)
-        return Known(model, orientations[:1], orientations[1:])
+        return Known(model, orientations[:1], orientations[1:], footings(model.asset))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import cast
@@ -44,6 +44,85 @@ class Tuning:
 TUNING = Tuning()
 
 
+@dataclass(frozen=True)
+class DeliveredImage:
+    """An image as delivered, and what was believed of arm and camera when it came.
+
+    Attributes:
+        time: capture time [s]; `NEVER` before the first.
+        rgb: (H, W, ≥ 3) colours, on the camera's own grid.
+        depth: (H', W') [m], 0 where there is none, on its own grid.
+        q: (n,) joint angles at the capture [rad].
+        back: (n,) how far they turn in half a frame [rad].
+        errors: (10,) of the calibration, see `signals.calibration_error`.
+    """
+
+    time: float
+    rgb: npt.NDArray[np.uint8]
+    depth: npt.NDArray[np.float32]
+    q: Array
+    back: Array
+    errors: Array
+
+
+class ImageParting:
+    """Takes images apart: a function of the image and of what goes with it alone, to be worked out anywhere."""
+
+    def __init__(
+        self,
+        arm: scenario.ArmModel,
+        camera: scenario.Camera,
+        params: scenario.Perception,
+        packages: Mapping[str, str | Path] | None = None,
+        base_dir: str | Path | None = None,
+    ) -> None:
+        """Load the arm; arguments as of `PerceptionSystem`."""
+        self._made_of = (arm, camera, params, packages, base_dir)
+        self._params = params
+        self._alignment = Alignment.of(camera)
+        self._grid = Grid.of(self._alignment.camera, params.stride)
+        # Rays take as long as a segmentation, and hold for many images.
+        self._corrected = lru_cache(maxsize=2)(self._corrected_grid)
+        self.robot = RobotShape(arm, packages, base_dir)
+        """The arm's collision shapes."""
+        self.empty = Segments.empty(self._grid.camera, params.stride, params.table_height)
+        """What there is before the first image."""
+
+    def __reduce__(self) -> tuple[type[ImageParting], tuple[object, ...]]:
+        """Copy what it is made of: plants cannot be."""
+        return ImageParting, self._made_of
+
+    def apart(self, picture: DeliveredImage) -> Segments:
+        """Return what stands on the table and is not the robot."""
+        if picture.time < 0.0:
+            return self.empty
+        grid, metres = self._grid, self._alignment.depth(picture.depth)
+        if picture.errors.any():
+            grid, factor = self._corrected(picture.errors.tobytes())
+            metres = metres * np.float32(factor)
+        return segment(
+            self._alignment.colours(picture.rgb[..., :3]),
+            metres,
+            picture.time,
+            grid,
+            self._params,
+            lambda points, margin: self._near(points, margin, picture.q, picture.back),
+        )
+
+    def _corrected_grid(self, errors: bytes) -> tuple[Grid, float]:
+        """Return the grid, and the factor on depth, of the camera with errors (10,), packed, taken out."""
+        camera, factor = corrected(self._alignment.camera, np.frombuffer(errors))
+        return Grid.of(camera, self._params.stride), factor
+
+    def _near(self, points: Array, margin: float, q: Array, back: Array) -> npt.NDArray[np.bool_]:
+        """Return which points (N, 3) are within a margin [m] of the robot at q (n,), or before it moved by `back`."""
+        near = self.robot.near(points, q, margin)
+        if np.abs(back).max(initial=0.0) > TUNING.still:
+            others = np.flatnonzero(~near)
+            near[others] = self.robot.near(points[others], q - back, margin)
+        return near
+
+
 class PerceptionSystem(LeafSystem):
     """Segments of the newest image: what stands on the table and is not the robot.
 
@@ -58,6 +137,7 @@ class PerceptionSystem(LeafSystem):
         - calibration (optional)
         output_ports:
         - segments
+        - picture (with a latency)
 
     Ports:
         rgb_image: (ImageRgba8U) of the camera that the twin was told of, on the grid that it was told of.
@@ -67,6 +147,7 @@ class PerceptionSystem(LeafSystem):
         calibration: (10 + 100) errors of the calibration, which are taken out; see `signals.calibration_error`.
             Not connected: the camera is as told.
         segments: (`Segments`) in W.
+        picture: (`DeliveredImage`) of which they are, for whoever takes it apart elsewhere.
 
     Computed when asked for, and cached: no rate, no latency of its own. The image is older than x̂, so the robot is
     posed at q - v·(t - image_time); where it moves also where it was half a frame before, for depth may be late.
@@ -92,12 +173,9 @@ class PerceptionSystem(LeafSystem):
             base_dir: folder that relative paths are looked up in first.
         """
         super().__init__()
-        self._params = params
-        self._alignment = Alignment.of(camera)
-        self._grid = Grid.of(self._alignment.camera, params.stride)
-        # Rays take as long as a segmentation, and hold for many images.
-        self._corrected = lru_cache(maxsize=2)(self._corrected_grid)
-        self._robot = RobotShape(arm, packages, base_dir)
+        self.parting = ImageParting(arm, camera, params, packages, base_dir)
+        """What takes images apart, here or elsewhere."""
+        self._robot = self.parting.robot
         self._arm_joints = self._robot.joint_count
         self._late = TUNING.late / camera.rate
         self._rgb = self.DeclareAbstractInputPort("rgb_image", Value[ImageRgba8U]())
@@ -105,7 +183,6 @@ class PerceptionSystem(LeafSystem):
         self._time = self.DeclareVectorInputPort("image_time", 1)
         self._arm = self.DeclareVectorInputPort("arm_state", 2 * self._arm_joints)
         self._calibration = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
-        empty = Segments.empty(self._grid.camera, params.stride, params.table_height)
         tickets = {self._rgb.ticket(), self._depth.ticket(), self._time.ticket()}
         self._kept: int | None = None
         if params.latency > 0.0:
@@ -116,8 +193,11 @@ class PerceptionSystem(LeafSystem):
             tickets |= {self.discrete_state_ticket(index)}
         else:
             tickets |= {self._arm.ticket(), self._calibration.ticket(), self.time_ticket()}
+        empty = self.parting.empty
         self.DeclareAbstractOutputPort("segments", lambda: AbstractValue.Make(empty), self._calc_segments, tickets)
-        self._empty = empty
+        if self._kept is not None:
+            none = self._none()
+            self.DeclareAbstractOutputPort("picture", lambda: AbstractValue.Make(none), self._calc_picture, tickets)
 
     def _now(self, context: Context) -> Array:
         """Return time, x̂ and errors of the calibration now: (1 + 2n + SIZE)."""
@@ -129,42 +209,30 @@ class PerceptionSystem(LeafSystem):
     def _keep(self, context: Context, discrete: DiscreteValues) -> None:
         discrete.set_value(self._kept, self._now(context))
 
-    def _corrected_grid(self, errors: bytes) -> tuple[Grid, float]:
-        """Return the grid, and the factor on depth, of the camera with errors (10,), packed, taken out."""
-        camera, factor = corrected(self._alignment.camera, np.frombuffer(errors))
-        return Grid.of(camera, self._params.stride), factor
+    def _none(self) -> DeliveredImage:
+        """Return what there is before the first image."""
+        still = np.zeros(self._arm_joints)
+        return DeliveredImage(
+            NEVER, np.zeros((0, 0, 4), np.uint8), np.zeros((0, 0), np.float32), still, still, np.zeros(SIZE)
+        )
 
-    @timed("Perception")
-    def _calc_segments(self, context: Context, output: AbstractValue) -> None:
+    def _picture(self, context: Context) -> DeliveredImage:
+        """Return the newest image with what goes with it; its arrays are views of what the ports hold."""
         image_time = float(self._time.Eval(context)[0])
         if image_time < 0.0:
-            output.set_value(self._empty)
-            return
+            return self._none()
         rgb = cast(ImageRgba8U, self._rgb.Eval(context))
         depth = cast(ImageDepth32F, self._depth.Eval(context))
         n = self._arm_joints
         kept = self._now(context) if self._kept is None else np.array(context.get_discrete_state(self._kept).value())
         time, state, errors = kept[0], kept[1 : 1 + 2 * n], kept[1 + 2 * n :]
         q = state[:n] - state[n:] * (time - image_time)
-        grid, metres = self._grid, self._alignment.depth(depth.data[..., 0])
-        if errors.any():
-            grid, factor = self._corrected(errors.tobytes())
-            metres = metres * np.float32(factor)
-        output.set_value(
-            segment(
-                self._alignment.colours(rgb.data[..., :3]),
-                metres,
-                image_time,
-                grid,
-                self._params,
-                lambda points, margin: self._near(points, margin, q, self._late * state[n:]),
-            )
-        )
+        return DeliveredImage(image_time, rgb.data, depth.data[..., 0], q, self._late * state[n:], errors)
 
-    def _near(self, points: Array, margin: float, q: Array, back: Array) -> npt.NDArray[np.bool_]:
-        """Return which points (N, 3) are within a margin [m] of the robot at q (n,), or before it moved by `back`."""
-        near = self._robot.near(points, q, margin)
-        if np.abs(back).max(initial=0.0) > TUNING.still:
-            others = np.flatnonzero(~near)
-            near[others] = self._robot.near(points[others], q - back, margin)
-        return near
+    @timed("Perception")
+    def _calc_segments(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self.parting.apart(self._picture(context)))
+
+    def _calc_picture(self, context: Context, output: AbstractValue) -> None:
+        seen = self._picture(context)
+        output.set_value(replace(seen, rgb=np.array(seen.rgb), depth=np.array(seen.depth)))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
@@ -62,6 +64,13 @@ class Tuning:
 
     one_sided: float = 0.15
     """Added where the picture does not show both contacts: what is there is guessed."""
+
+    tip: float = 0.004
+    """Farther ahead in the tool's frame a contact is at the pads' very tips [m], 6 mm from their ends: where a picture
+    is a few millimetres off they close above it."""
+
+    shallow: float = 5.0
+    """Added to the cost of such grasps: they come last."""
 
     side: float = 0.003
     """Edge of the cells in which an outline is found, and between points of guessed sides [m]."""
@@ -265,6 +274,8 @@ def downward(grasps: Grasps) -> Array:
     """Return the numbers of grasps that come from above, the straightest of the good ones first."""
     down = -grasps.approach[:, 2]
     cost = grasps.score + TUNING.slanted * (1.0 - down) + TUNING.one_sided * (~grasps.seen).any(axis=1)
+    ahead = np.einsum("nki,ni->nk", grasps.contacts - grasps.poses[:, None, 4:], grasps.approach)
+    cost = cost + TUNING.shallow * (np.where(grasps.seen, ahead, -np.inf) > TUNING.tip).any(axis=1)
     order = np.argsort(cost, kind="stable")
     return np.asarray(order[down[order] >= TUNING.steepest])
 
@@ -272,3 +283,18 @@ def downward(grasps: Grasps) -> Array:
 def filled(mask: Array) -> Array:
     """Return a mask with its holes closed."""
     return np.asarray(ndimage.binary_fill_holes(mask))
+
+
+def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:
+    """Write a picture with a box about a thing and a line of text: what a report shows."""
+    image = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR)
+    if thing is not None:
+        (v0, u0), (v1, u1) = thing.pixels.min(axis=0) - 4, thing.pixels.max(axis=0) + 4
+        cv2.rectangle(image, (int(u0), int(v0)), (int(u1), int(v1)), (40, 40, 230), 2)
+    cv2.putText(
+        image, text.encode("ascii", "replace").decode(), (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    good, data = cv2.imencode(".png", image)
+    assert good
+    path.write_bytes(data.tobytes())

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final, Protocol
 
 import numpy as np
@@ -27,6 +28,7 @@ from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station import ports
 from twin_diagram.station.sim.cameras_on_demand import CamerasOnDemand
+from twin_diagram.station.sim.carried_bodies import CarriedBodies
 from twin_diagram.station.sim.station import SimStation
 
 
@@ -141,12 +143,15 @@ class Cell:
         self._plant = self._station.world.plant
         described = np.array([finger.default_positions()[0] for finger in arm.fingers])
         self._fingers = Fingers.of(self._plant, arm.arm.gripper_joint_indices, described)
+        hand = arm.fingers[0].frame_on_parent()
+        self._carried = CarriedBodies(self._plant, hand, arm.joints, self._station.world.objects)
         self._simulator = Simulator(self._station)
         self._context = self._simulator.get_mutable_context()
         self._command = arm.q0[: len(arm.joints)].copy()
         self._opened, self._force = 1.0, scenario.twin.learning.force if scenario.twin.learning else 60.0
         self._recording: Recording | None = None
         self._frame = 0
+        self._corrected: dict[str, tuple[ViewCamera, float]] = {}
         self.observer: Observer | None = None
         self.doing = FREE
         self._rate = np.zeros_like(self._command)
@@ -221,7 +226,14 @@ class Cell:
         self._send()
         now, begun = self.time, time.perf_counter()
         # Just beyond: whether a message that is due then has come would be left to rounding.
-        self._simulator.AdvanceTo(until + TUNING.beyond)
+        end = until + TUNING.beyond
+        if self.shut:
+            # Never more than one step of the plant at once.
+            inner = self._plant.GetMyMutableContextFromRoot(self._context)
+            for stop in np.linspace(now, end, 1 + int(np.ceil((end - now) / self._plant.time_step() - 0.01)))[1:]:
+                self._carried.stepped(inner, partial(self._simulator.AdvanceTo, float(stop)))
+        else:
+            self._simulator.AdvanceTo(end)
         self._spent = TUNING.forgetting * self._spent + [time.perf_counter() - begun, until - now]
         if self._recording is not None:
             self._recording.time.append(float(self._read(ports.MEASUREMENT_TIME)[0]))
@@ -306,7 +318,14 @@ class Cell:
         # The newest message is a little older than the picture: the joints have moved on since.
         late = self.time - max(0.0, float(self._read(ports.MEASUREMENT_TIME)[0]))
         q = self.q + late * self._read(ports.VELOCITY_ESTIMATED)
-        return Picture(colours, way.depth(depth), told_camera(told), self.time, q, fingers)
+        camera, scale = self._corrected.get(name, (told_camera(told), 1.0))
+        measured = way.depth(depth)
+        seen = measured if scale == 1.0 else (scale * measured).astype(np.float32)
+        return Picture(colours, seen, camera, self.time, q, fingers)
+
+    def correct(self, name: str, camera: ViewCamera, scale: float) -> None:
+        """Take a camera to stand elsewhere than it was told, from here on, and its depth times a scale for true."""
+        self._corrected[name] = camera, scale
 
     def moment(self, name: str) -> None:
         """Tell the observer, if there is one, where everything truly is now; no stage gets anything of it back."""

@@ -13,6 +13,7 @@ from twin_diagram.assets.building.from_mesh import AssetPlace, build_from_triang
 from twin_diagram.assets.building.inertia import solid_of
 from twin_diagram.assets.building.measured import MeasuredInertia, from_shape_alone
 from twin_diagram.assets.building.surface import weld
+from twin_diagram.runs.learning.handling import ShownObject
 from twin_diagram.signals.arrays import Array
 
 
@@ -66,3 +67,17 @@ def write_learned(
         "R_OS": R_WS,
         "p_OS": -(middle + own.centre),
     }
+
+
+def seen_so_far(shown: ShownObject) -> dict[str, float]:
+    """Return figures of what was shown of an object, for the events."""
+    so_far = {"pictures": len(shown.followed.shown), "slips": len(shown.followed.slips)}
+    return so_far | ({"seen_share": shown.seen_shares[-1]} if shown.seen_shares else {})
+
+
+def figures_of(shown: ShownObject) -> dict[str, Any]:
+    """Return figures of how an object was shown, for people and tables."""
+    slips = [[slip.picture, slip.distance, slip.angle] for slip in shown.followed.slips]
+    figures = {"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes}
+    seen = {"seen_share": shown.seen_shares[-1], "seen_after_grasps": shown.seen_shares} if shown.seen_shares else {}
+    return figures | seen

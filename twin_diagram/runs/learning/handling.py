@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Final
 
-import cv2
 import numpy as np
 
 from twin_diagram.estimation.weighing import Excitation
@@ -25,9 +24,10 @@ from twin_diagram.runs.learning.bin_view import (
     wall_points,
     why_not,
 )
+from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames, tilts_of
-from twin_diagram.runs.learning.display import NothingHeld, display
+from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
 from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
@@ -36,8 +36,8 @@ from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.seen_map import Boxes, SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
-from twin_diagram.runs.learning.weighing import slipped, swing_empty, swing_held, write_swung
-from twin_diagram.scenario import Learning
+from twin_diagram.runs.learning.weighing import Slipping, slipped, swing_empty, swing_held, write_swung
+from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
 
 
@@ -57,6 +57,9 @@ class Tuning:
     crept: tuple[float, float] = (0.006, 0.03)
     """By how much it may have crept meanwhile, as standard deviations [m], [rad]."""
 
+    turned: tuple[float, float] = (0.02, 0.4)
+    """By how much it may have turned where it was noticed at once, as standard deviations [m], [rad]."""
+
     same_place: float = 0.04
     """A thing within this of one that was given up is that one [m]."""
 
@@ -69,6 +72,9 @@ class Tuning:
     fallen: float = 0.05
     """Half of the size of something that was let fall [m], for who puts others beside it."""
 
+    tallest: float = 0.22
+    """Height of what may stand in the other bin while things are swung [m]: a cracker box on its end."""
+
     platform_spots: tuple[float, ...] = (0.0, 0.03, -0.03)
     """Off the platform's middle where things are set down [m]."""
 
@@ -80,7 +86,7 @@ PLATFORM: Final = "platform"
 
 @dataclass(frozen=True)
 class Tools:
-    """What handling needs: the cell, who plans, the arm's shapes, the gripper's figures, and where things are."""
+    """What handling needs: cell, planner, the arm's shapes, the gripper's figures, cameras, what stands still."""
 
     cell: Cell
     mover: Mover
@@ -89,6 +95,8 @@ class Tools:
     learning: Learning
     home: Array
     model: Model
+    cameras: Mapping[str, Camera]
+    faces: KnownFaces
 
 
 @dataclass
@@ -188,14 +196,22 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
         NoWay, NothingHeld: see `display`.
     """
     assert picked.taken is not None
-    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, 0)
-    followed = follow(Followed(), pictures, np.eye(4))
-    R_WS_lying = picked.taken.X_WT[:3, :3]  # S is the tool's frame, and it has not been turned since it was taken
+    # S is the tool's frame in the first picture, and it has not been turned since it was taken.
+    followed, R_WS = _followed(tools), picked.taken.X_WT[:3, :3]
     result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.opening])
-    result.R_WT = R_WS_lying @ followed.X_ST[-1][:3, :3]
+    result.R_WT = R_WS @ followed.X_ST[-1][:3, :3]
     hold_seen(tools, result)
+    if followed.slips and len((calm := _followed(tools)).slips) < len(followed.slips):
+        # By now it hangs as it will stay; pictures from while it slid fit each other less well.
+        result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.opening], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])
+        hold_seen(tools, result)
     look_over(tools, result)
     return result
+
+
+def _followed(tools: Tools) -> Followed:
+    """Show what is held for the first time, and follow it."""
+    return follow(Followed(), display(tools.mover, tools.cell, tools.learning, tools.robot, 0), np.eye(4))
 
 
 def look_over(tools: Tools, shown: ShownObject) -> None:
@@ -274,22 +290,21 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     """
     learning = tools.learning
     X_TS = np.asarray(np.linalg.inv(shown.X_ST[-1]), dtype=float)
-    swung, shown.swung, mass = swing_held(
-        tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
-    )
+    low, high = (np.array(corner) for corner in learning.into_bin)
+    # The empty hand is swung alike when one thing more stands there.
+    with tools.mover.blocked(low, np.array([*high[:2], low[2] + TUNING.tallest])):
+        try:
+            swung, shown.swung, mass = swing_held(
+                tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
+            )
+        except Slipping:
+            _find_turned(tools, shown)
+            raise
     if tools.cell.opening < PICKING.empty:
         raise NothingHeld("it was lost while it was swung")
     # Swinging makes it creep in the hand: where it is afterwards is seen.
     try:
-        pictures = display(
-            tools.mover,
-            tools.cell,
-            replace(learning, frames=TUNING.glances),
-            tools.robot,
-            len(shown.X_ST) - 1,
-            TUNING.glance,
-        )
-        X_ST = found_again(shown.followed, pictures, shown.X_ST[-1], TUNING.crept)
+        X_ST = found_again(shown.followed, _glance(tools, shown), shown.X_ST[-1], TUNING.crept)
         if X_ST is not None:
             swung = slipped(swung, np.asarray(np.linalg.inv(X_ST), dtype=float))
             shown.R_WT = shown.R_WT @ shown.X_ST[-1][:3, :3].T @ X_ST[:3, :3]
@@ -299,6 +314,19 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
         shown.notes.append(f"not looked at after it was swung: {why}")
     write_swung(folder / SWUNG, swung)
     return mass
+
+
+def _glance(tools: Tools, shown: ShownObject) -> list[HeldPicture]:
+    """Return a few pictures of what is held."""
+    few = replace(tools.learning, frames=TUNING.glances)
+    return display(tools.mover, tools.cell, few, tools.robot, len(shown.X_ST) - 1, TUNING.glance)
+
+
+def _find_turned(tools: Tools, shown: ShownObject) -> None:
+    """See how what was about to slip out of the hand lies in it now; the pictures are not kept."""
+    X_ST = follow(shown.followed, _glance(tools, shown), shown.X_ST[-1], TUNING.turned).X_ST[-1]
+    shown.R_WT, shown.X_ST[-1] = shown.R_WT @ shown.X_ST[-1][:3, :3].T @ X_ST[:3, :3], X_ST
+    hold_seen(tools, shown)
 
 
 def weigh_empty(tools: Tools, shown: ShownObject, opening: float, file: Path) -> None:
@@ -311,15 +339,20 @@ def weigh_empty(tools: Tools, shown: ShownObject, opening: float, file: Path) ->
         write_swung(file, swing_empty(tools.model, tools.mover, tools.cell, shown.swung, opening))
 
 
+def keep_clear(tools: Tools, standing: Sequence[PutDown]) -> None:
+    """Keep all ways from here on, and all swinging, clear of what stands in the other bin."""
+    floor = float(tools.learning.into_bin[0][2])
+    tools.mover.stand("other bin", [outline(one) for one in standing], floor)
+
+
 def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> PutDown:
-    """Put what is held into the other bin, beside what stands there; return where.
+    """Put what is held into the other bin, beside what stands there and `keep_clear` was told of; return where.
 
     Raises:
         NoWay: no place is reached.
     """
     low, high = (np.array(corner) for corner in tools.learning.into_bin)
     points_T, why = in_tool(shown), NoWay("no room in the other bin")
-    tools.mover.stand("other bin", [outline(one) for one in standing], float(low[2]))
     for R_WT in resting(points_T, shown.R_WT):
         places = places_in(low, high, standing, points_T, R_WT)
         if not places:
@@ -329,9 +362,9 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> P
         except NoWay as error:
             why = error
             continue
-        extent = np.ptp(points_T @ R_WT.T, axis=0)
-        radius = 0.5 * float(np.hypot(extent[0], extent[1]))
-        return PutDown((float(place[0]), float(place[1])), radius, float(place[2] + extent[2]))
+        put = PutDown.standing(points_T, R_WT, place)
+        keep_clear(tools, [*standing, put])
+        return put
     raise why
 
 
@@ -365,18 +398,3 @@ def let_go(tools: Tools) -> PutDown | None:
 def write_frames(folder: Path, shown: ShownObject) -> None:
     """Write the pictures with poses in S and masks of object and hand, as reconstruction backends read them."""
     write_transforms(folder, *posed_frames(shown.followed))
-
-
-def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:
-    """Write a picture with a box about a thing and a line of text: what a report shows."""
-    image = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR)
-    if thing is not None:
-        (v0, u0), (v1, u1) = thing.pixels.min(axis=0) - 4, thing.pixels.max(axis=0) + 4
-        cv2.rectangle(image, (int(u0), int(v0)), (int(u1), int(v1)), (40, 40, 230), 2)
-    cv2.putText(
-        image, text.encode("ascii", "replace").decode(), (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1
-    )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    good, data = cv2.imencode(".png", image)
-    assert good
-    path.write_bytes(data.tobytes())

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -146,6 +147,15 @@ class Mover:
         self._standing.pop(where, None)
         if solids:
             self._standing[where] = Body.of(where, solids)
+
+    @contextmanager
+    def blocked(self, low: Array, high: Array) -> Iterator[None]:
+        """Keep ways clear of a box between corners (3,) in W [m] until the block ends."""
+        self._standing["blocked"] = Body.of("blocked", [Box(0.5 * (high - low), np.eye(3), 0.5 * (low + high))])
+        try:
+            yield
+        finally:
+            del self._standing["blocked"]
 
     def tool(self, q: Array) -> Array:
         """Return X_WT (4, 4) at joint angles (n,)."""

@@ -15,14 +15,16 @@ from twin_diagram.errors import TwinError
 from twin_diagram.estimation.weighing import WeighingError
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
+from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling
-from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.bin_view import SeenThing, save_picture
+from twin_diagram.runs.learning.camera_check import KnownFaces, correct_cameras
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
-from twin_diagram.runs.learning.finishing import write_learned
+from twin_diagram.runs.learning.finishing import figures_of, seen_so_far, write_learned
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
@@ -69,7 +71,8 @@ def tools_of(scenario: Scenario, learning: Learning) -> Tools:
     model = Model.load(twin.arm, packages, torque_side=twin.driver.torque_side)
     mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
     home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
-    return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model)
+    faces = KnownFaces.of([solid for _, solids in fixture_solids(twin.fixtures, packages) for solid in solids])
+    return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model, twin.cameras, faces)
 
 
 class Learner:
@@ -128,6 +131,8 @@ class Learner:
             self.record.event(stage="resume", sim=self.tools.cell.time, objects=len(self.state.learned))
         else:
             self.tools.cell.wait(TUNING.settle)
+        for camera in correct_cameras(self.tools.cell, self.tools.learning, self.tools.cameras, self.tools.faces):
+            self.record.event(stage="camera", **camera)
         for one in self.state.learned:
             if one.state == "handled":
                 self._jobs.add(one.name, self.record.of(one.name))
@@ -157,6 +162,7 @@ class Learner:
         """Try to take a thing, and do with it all that is to be done."""
         name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
         picked = Picked(thing)
+        handling.keep_clear(self.tools, self._standing())
         for attempt in range(self.tools.learning.tries):
             with self._stage(name, "pick") as told:
                 picked = handling.pick(self.tools, thing, things, attempt)
@@ -176,11 +182,11 @@ class Learner:
         """Show, weigh and put away what was picked, and have its shape made."""
         assert picked.taken is not None
         folder = self.record.fresh(name)
-        one = Learned(name, R_WS=picked.taken.X_WT[:3, :3].tolist())
-        shown = ShownObject()
+        one, shown = Learned(name), ShownObject()
         try:
             with self._stage(name, "display") as told:
                 shown = handling.show_first(self.tools, picked)
+                one.R_WS = (shown.R_WT @ shown.X_ST[-1][:3, :3].T).tolist()
                 told.update(seen_so_far(shown))
             self._show_again(name, shown)
             handling.write_frames(folder / FRAMES, shown)
@@ -194,9 +200,8 @@ class Learner:
             self.tools.cell.moment(name)
             with self._stage(name, "put away"):
                 self._in_bin = False
-                standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
-                put = handling.put_away(self.tools, shown, standing)
-                one.standing = [*put.place, put.radius, put.top]
+                put = handling.put_away(self.tools, shown, self._standing())
+                one.standing = put.numbers()
             empty = self.record.folder / SWUNG
             if shown.swung is not None and not empty.is_file():
                 with self._stage(name, "swing the empty hand"):
@@ -218,10 +223,7 @@ class Learner:
             self._note_failure(one, picked.thing.middle)
         self._handled += 1
         one.grasps = len(shown.X_ST)
-        if shown.seen_shares:
-            one.figures |= plain({"seen_share": shown.seen_shares[-1], "seen_after_grasps": shown.seen_shares})
-        slips = [[s.picture, s.distance, s.angle] for s in shown.followed.slips]
-        one.figures |= plain({"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes})
+        one.figures |= plain(figures_of(shown))
         self.state.learned.append(one)
 
     def _show_again(self, name: str, shown: ShownObject) -> None:
@@ -231,52 +233,66 @@ class Learner:
             NothingHeld: it is no longer in the hand.
         """
         while asks_for_more(len(shown.X_ST), shown.seen_shares, self.tools.learning):
-            self._in_bin = False
-            try:
-                with self._stage(name, "display again") as told:
-                    told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
-                    told.update(seen_so_far(shown))
-            except NoWay as why:
-                if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
-                    raise NothingHeld(f"it was set down, and then: {why}") from why
-                shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
+            if not self._once_more(name, shown):
                 return
-            if told["outcome"] != "shown":
-                raise NothingHeld("it could not be taken from the platform again")
+
+    def _once_more(self, name: str, shown: ShownObject) -> bool:
+        """Show an object in another grasp; whether that was to be had; raises as `_show_again`."""
+        self._in_bin = False
+        try:
+            with self._stage(name, "display again") as told:
+                told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
+                told.update(seen_so_far(shown))
+        except NoWay as why:
+            if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
+                raise NothingHeld(f"it was set down, and then: {why}") from why
+            shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
+            return False
+        if told["outcome"] != "shown":
+            raise NothingHeld("it could not be taken from the platform again")
+        return True
+
+    def _standing(self) -> list[PutDown]:
+        """Return what stands in the other bin."""
+        return [PutDown.of_numbers(one.standing) for one in self.state.learned if one.standing]
 
     def _seek(self, one: Learned) -> None:
         """Look for what was lost where the cameras see, and put it away; what cannot be had is told with a picture."""
         with self._stage(one.name, "seek") as told:
-            standing = [PutDown((s[0], s[1]), s[2], s[3]) for o in self.state.learned if (s := o.standing)]
-            found, picture = seek(self.tools, standing)
+            found, picture = seek(self.tools, self._standing())
             told["outcome"] = found.told
         if found.put is not None:
-            one.standing = [*found.put.place, found.put.radius, found.put.top]
+            one.standing = found.put.numbers()
             one.why += f"; {found.told}"
         elif found.thing is not None:
-            handling.save_picture(self.record.folder / one.picture, picture, found.thing, found.told)
+            save_picture(self.record.folder / one.picture, picture, found.thing, found.told)
             one.why += f"; {found.told}"
 
     def _weigh(self, name: str, shown: ShownObject, folder: Path) -> None:
-        """Swing what is held; where that cannot be, its inertia will be told from its shape alone."""
-        try:
-            with self._stage(name, "weigh") as told:
-                told["mass"] = handling.weigh_held(self.tools, shown, folder)
-                assert shown.swung is not None
-                told["use"] = shown.swung.use
-        except (NoWay, WeighingError) as why:
-            shown.notes.append(f"not weighed: {why}")
+        """Swing what is held, in another grasp where this one hardly holds it; or else its shape alone tells of it."""
+        for last in (False, True):
+            try:
+                with self._stage(name, "weigh") as told:
+                    told["mass"] = handling.weigh_held(self.tools, shown, folder)
+                    assert shown.swung is not None
+                    told["use"] = shown.swung.use
+                return
+            except (NoWay, WeighingError) as why:
+                shown.notes.append(f"not weighed: {why}")
+                firmer = isinstance(why, WeighingError) and len(shown.X_ST) < self.tools.learning.most_grasps
+                if last or not firmer or not self._once_more(name, shown):
+                    return
 
     def _let_go(self, one: Learned) -> None:
         """Leave the hand empty and the arm at home after something went wrong; keep a picture of it."""
         cell, self._in_bin = self.tools.cell, False
         picture = cell.look(self.tools.learning.scan_camera)
         one.picture = f"objects/{one.name}/failed.png"
-        handling.save_picture(self.record.folder / one.picture, picture, None, one.why)
+        save_picture(self.record.folder / one.picture, picture, None, one.why)
         try:
             fell = handling.let_go(self.tools)
             if fell is not None:
-                one.standing = [*fell.place, fell.radius, fell.top]
+                one.standing = fell.numbers()
                 one.why += "; it was let fall into the other bin"
         except NoWay as why:  # the next look into the bin tries the way home again, and ends the run if there is none
             one.why += f"; then the arm could not go home: {why}"
@@ -297,9 +313,8 @@ class Learner:
     def _report(self, picture: Picture, thing: SeenThing, why: str) -> None:
         """Note something that cannot be taken, with a picture."""
         number = 1 + sum(one.state == "reported" for one in self.state.learned)
-        name = f"reported_{number:02d}"
-        file = f"reported/{number:02d}.png"
-        handling.save_picture(self.record.folder / file, picture, thing, why)
+        name, file = f"reported_{number:02d}", f"reported/{number:02d}.png"
+        save_picture(self.record.folder / file, picture, thing, why)
         self.state.learned.append(Learned(name, "reported", why, picture=file))
         self.state.given_up.append(thing.middle.tolist())
         self.record.event(object=name, stage="report", why=why, picture=file)
@@ -359,15 +374,8 @@ class Learner:
 
     def remaining(self) -> float:
         """Return how long the bin's objects will take, by those so far [s of wall clock]."""
-        done = self._handled
-        each = (time.monotonic() - self._begun) / done if done else TUNING.usual
+        each = (time.monotonic() - self._begun) / self._handled if self._handled else TUNING.usual
         return each * self._left
-
-
-def seen_so_far(shown: ShownObject) -> dict[str, float]:
-    """Return figures of what was shown of an object, for the events."""
-    so_far = {"pictures": len(shown.followed.shown), "slips": len(shown.followed.slips)}
-    return so_far | ({"seen_share": shown.seen_shares[-1]} if shown.seen_shares else {})
 
 
 def finish(record: LearningRecord, one: Learned, model: Model) -> None:

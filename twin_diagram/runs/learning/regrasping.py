@@ -9,11 +9,12 @@ import numpy as np
 
 from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, propose
 from twin_diagram.runs.learning.bin_view import TUNING as BIN_VIEW
-from twin_diagram.runs.learning.bin_view import things_within
+from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing, things_within
 from twin_diagram.runs.learning.cell import Cell
 from twin_diagram.runs.learning.following import Followed, register
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
+from twin_diagram.runs.learning.setting_down import downwards, hull_sides, pose_over, turned
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -30,6 +31,21 @@ class Tuning:
 
     reach: float = 0.012
     """Within which points of the picture are held against those that are known [m]."""
+
+    same: float = 0.5
+    """Share of the picture's points that lie on the cloud, from which it is where it is thought to be."""
+
+    fallen: tuple[float, float] = (0.05, 0.3)
+    """By how much what has tipped over may be off each of the poses that are tried [m], [rad]."""
+
+    fallen_reach: tuple[float, ...] = (0.03, 0.012)
+    """As `reach`, when it is looked for there."""
+
+    yaws: int = 12
+    """Turns about the vertical that are tried: every 30°."""
+
+    few: int = 250
+    """Points of the picture with which they are."""
 
     around: float = 0.05
     """Beside the platform in which its object is looked for [m]."""
@@ -50,17 +66,51 @@ def stands_at(cell: Cell, learning: Learning, seen: Followed, X_WS: Array) -> Ar
         seen: the object's cloud in S.
         X_WS: by where the fingers let go.
     """
-    low, high = (np.array(corner) for corner in learning.platform)
-    box = np.array([*(low[:2] - TUNING.around), high[2]]), np.array([*(high[:2] + TUNING.around), high[2] + 0.3])
-    things = things_within(cell.look(learning.scan_camera), *box)
-    if not things:
+    one = on_platform(cell, learning)
+    if one is None:
         return X_WS
-    one = max(things, key=lambda thing: len(thing.points))
     points, normals = one.points[:1500], one.normals[:1500]
     # The picture's points are brought to the cloud: what comes out is where W is in S.
     start = np.asarray(np.linalg.inv(X_WS), dtype=float)
     X_SW, share = register(seen.points, seen.normals, points, normals, start, TUNING.moved, TUNING.reach)
-    return np.asarray(np.linalg.inv(X_SW), dtype=float) if share > 0.5 else X_WS
+    if share <= TUNING.same:
+        # It has tipped over, or turned: it is looked for on every side.
+        X_SW, share = fallen_pose(seen, points, normals, X_WS, float(learning.platform[1][2]))
+    return np.asarray(np.linalg.inv(X_SW), dtype=float) if share > TUNING.same else X_WS
+
+
+def fallen_pose(seen: Followed, points: Array, normals: Array, X_WS: Array, support: float) -> tuple[Array, float]:
+    """Return the pose X_SW (4, 4) of W in what stands somewhere on any of its sides, and the share that it explains.
+
+    Args:
+        seen: the object's cloud in S.
+        points: (N, 3) that a picture shows of it in W [m], in random order, with normals (N, 3).
+        normals: of them.
+        X_WS: (4, 4) where it was thought to be.
+        support: height of what it stands on [m].
+    """
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    few = slice(None, TUNING.few)
+    best, best_share = np.asarray(np.linalg.inv(X_WS)), 0.0
+    for side in hull_sides(seen.points):
+        R_side = downwards(X_WS[:3, :3], side)
+        for yaw in np.arange(TUNING.yaws) * (2.0 * np.pi / TUNING.yaws):
+            X = pose_over(seen.points, turned(R_side, float(yaw)), middle[:2], support)
+            start = np.asarray(np.linalg.inv(X), dtype=float)
+            for reach in TUNING.fallen_reach:
+                start, share = register(
+                    seen.points, seen.normals, points[few], normals[few], start, TUNING.fallen, reach
+                )
+            if share > best_share:
+                best, best_share = start, share
+    return register(seen.points, seen.normals, points, normals, best, TUNING.moved, TUNING.reach)
+
+
+def on_platform(cell: Cell, learning: Learning) -> SeenThing | None:
+    """Return what the scanning camera sees on the platform, the largest; None: nothing."""
+    low, high = (np.array(corner) for corner in learning.platform)
+    box = np.array([*(low[:2] - TUNING.around), high[2]]), np.array([*(high[:2] + TUNING.around), high[2] + 0.3])
+    return max(things_within(cell.look(learning.scan_camera), *box), key=lambda thing: len(thing.points), default=None)
 
 
 def other_grasps(seen: Followed, X_WS: Array, gripper: Gripper, floor: float, seed: int) -> Grasps:
@@ -103,16 +153,21 @@ def take_again(
         order: numbers of grasps in W of what stands at X_WS (4, 4), those first that are wanted most.
 
     Returns:
-        What is held, and X_ST (4, 4) of the tool as it took it; None: every try failed.
+        What is held, and X_ST (4, 4) of the tool as it took it; None: every try failed, those of what the picture alone
+        shows too.
     """
     floor = float(learning.platform[1][2])
-    for attempt in range(learning.tries):
+    for attempt in range(2 * learning.tries):
         X_WS = stands_at(cell, learning, seen, X_WS)
-        grasps = other_grasps(seen, X_WS, gripper, floor, attempt)
-        reach = reach_of(mover, cell, grasps, order(grasps, X_WS))
-        if reach is None:
-            return None
-        taken = take(mover, cell, reach)
+        grasps, wanted = other_grasps(seen, X_WS, gripper, floor, attempt), []
+        if attempt < learning.tries:
+            wanted = order(grasps, X_WS)
+        elif (thing := on_platform(cell, learning)) is not None:
+            # None of those is to be had: any that the picture alone tells, as if it had never been seen before.
+            grasps = grasps_of_thing(thing, gripper, floor + TUNING.floor, np.zeros((0, 3)), attempt)
+            wanted = np.roll(downward(grasps), -2 * (attempt - learning.tries)).tolist()
+        reach = reach_of(mover, cell, grasps, wanted)
+        taken = take(mover, cell, reach) if reach is not None else None
         if taken is not None:
             return taken, np.asarray(np.linalg.solve(X_WS, taken.X_WT), dtype=float)
     return None

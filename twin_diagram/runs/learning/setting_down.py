@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
@@ -20,8 +21,12 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    above: float = 0.10
-    """Height from which it goes straight down [m]."""
+    above: tuple[float, ...] = (0.10, 0.20)
+    """Heights from which it goes straight down [m]: what is held low is brought over a bin's walls first."""
+
+    grazing: float = -0.003
+    """Clearance of the hand's balls on that line and back [m]: tips that held something low stand 2 mm deep in a bin's
+    bottom, for their balls stand out by 13 mm. With -8 mm the hand met a wall."""
 
     gap: float = 0.003
     """Left under the object where the fingers open [m]: what poses and sag are off."""
@@ -41,8 +46,27 @@ class Tuning:
     room: float = 0.01
     """Between what is set down beside one another [m]."""
 
+    wide: float = 0.08
+    """More than this between them is no better [m]: the hand has room beside what is taller."""
+
+    hand: float = 0.03
+    """Off the walls there is room for the hand [m]."""
+
+    cell: float = 0.01
+    """Edge of the squares in which a bin's bottom is looked at [m]."""
+
+    places: int = 150
+    """In a bin that are tried: 50 ms each. Beside tall things the hand finds no room at most of those on the floor."""
+
+    apart: float = 0.03
+    """Between places that are tried at the same turn [m]."""
+
     one_side: float = 0.97
     """Cosine of normals from which faces of a hull are one side: 14°."""
+
+    leaning: float = 0.25
+    """An object whose nearest side is so far from level does not stand on it [rad]: as far as normals of one side are
+    apart."""
 
     sides: int = 8
     """Of a hull, on which it is tried."""
@@ -62,15 +86,66 @@ TUNING = Tuning()
 
 @dataclass(frozen=True)
 class PutDown:
-    """Something that was set down: its middle (2,), radius and top in W [m]."""
+    """Something that was set down.
+
+    Attributes:
+        place: (2,) its middle in W [m].
+        radius: of the circle about it [m].
+        top: height of its highest point [m].
+        cells: (x, y) of points all over what is below it [m]; none: all of the circle is.
+    """
 
     place: tuple[float, float]
     radius: float
     top: float
+    cells: tuple[tuple[float, float], ...] = ()
+
+    @staticmethod
+    def standing(points_T: Array, R_WT: Array, place: Array) -> PutDown:
+        """Return it of what was set down.
+
+        Args:
+            points_T: (N, 3) of it in the tool's frame [m].
+            R_WT: (3, 3) the tool's axes in which it stands, but for the turn about the vertical.
+            place: (4,) where, of `places_in`.
+        """
+        under = footprint(points_T, turned(R_WT, float(place[3]))) + place[:2]
+        radius = 0.5 * float(np.hypot(*np.ptp(under, axis=0)))
+        top = float(place[2] + np.ptp(points_T @ R_WT[2]))
+        return PutDown((float(place[0]), float(place[1])), radius, top, tuple((float(x), float(y)) for x, y in under))
+
+    def numbers(self) -> list[float]:
+        """Return it as a row, for a file."""
+        return [*self.place, self.radius, self.top, *(value for cell in self.cells for value in cell)]
+
+    @staticmethod
+    def of_numbers(row: Sequence[float]) -> PutDown:
+        """Return the inverse of `numbers`."""
+        return PutDown((row[0], row[1]), row[2], row[3], tuple(zip(row[4::2], row[5::2], strict=True)))
+
+
+def footprint(points_T: Array, R_WT: Array) -> Array:
+    """Return (x, y) of cells (N, 2) below what is held, about the middle of the box about it [m].
+
+    Args:
+        points_T: (N, 3) of it in the tool's frame [m].
+        R_WT: (3, 3) the tool's axes.
+    """
+    flat = (points_T @ R_WT.T)[:, :2]
+    flat = flat - 0.5 * (flat.min(axis=0) + flat.max(axis=0))
+    cells = np.unique(np.round(flat / TUNING.cell).astype(np.int64), axis=0)
+    span = int(np.abs(cells).max(initial=0)) + 1
+    full = np.zeros((2 * span + 1, 2 * span + 1), dtype=bool)
+    full[tuple((cells + span).T)] = True
+    # What lies in between was not seen, or is hollow: nothing else goes there.
+    full = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(full, 3), iterations=3))
+    return np.asarray((np.argwhere(full) - span - 3) * TUNING.cell)
 
 
 def outline(one: PutDown) -> Array:
-    """Return points (N, 3) at the top of something that was set down, all over the circle that holds it [m]."""
+    """Return points (N, 3) at the top of something that was set down, all over what is below it [m]."""
+    if one.cells:
+        return np.array([[x, y, one.top] for x, y in one.cells])
     across = np.arange(-one.radius, one.radius + 1e-9, TUNING.spot)
     x, y = (grid.ravel() for grid in np.meshgrid(across, across))
     inside = np.hypot(x, y) <= one.radius
@@ -101,31 +176,41 @@ def pose_over(points_T: Array, R_WT: Array, place: Array, height: float) -> Arra
 def resting(points_T: Array, R_WT: Array) -> list[Array]:
     """Return axes (3, 3) of the tool in which what it holds stands, the surest first: as it stood, then on other sides.
 
-    The sides are those of the hull of what was seen of it, by their area; its middle is over each of them.
+    What leans as it stood, by more than sides are alike, has turned in the hand, or leant on something: it comes last.
 
     Args:
         points_T: (N, 3) of the object in the tool's frame [m].
         R_WT: (3, 3) in which it stood.
     """
-    found = [R_WT]
+    sides = hull_sides(points_T)
+    found = [R for R in (downwards(R_WT, normal) for normal in sides) if -R[2, 2] > TUNING.steepest]
+    lean = [float(np.arccos(np.clip(-(R_WT @ normal)[2], -1.0, 1.0))) for normal in sides]
+    if min(lean, default=0.0) <= TUNING.leaning:
+        return [R_WT, *found]
+    turned_by = [float(np.arccos(np.clip((np.trace(R_WT.T @ R) - 1.0) / 2.0, -1.0, 1.0))) for R in found]
+    return [*(found[k] for k in np.argsort(turned_by)), R_WT]
+
+
+def hull_sides(points: Array) -> list[Array]:
+    """Return the outward normals (3,) of sides on which points (N, 3) can stand, the largest first.
+
+    They are those of their hull; its middle is over each of them.
+    """
+    sides: list[tuple[Array, float]] = []
     with contextlib.suppress(QhullError, ValueError):
-        hull = ConvexHull(points_T)
-        sides: list[tuple[Array, float]] = []
-        corners = points_T[hull.simplices]
+        hull = ConvexHull(points)
+        corners = points[hull.simplices]
         areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         for k in np.argsort(-areas):
             normal = hull.equations[k, :3]
             if all(float(normal @ other) < TUNING.one_side for other, _ in sides):
                 alike = hull.equations[:, :3] @ normal > TUNING.one_side
                 sides.append((normal, float(areas[alike].sum())))
-        for normal, area in sorted(sides, key=lambda side: -side[1])[: TUNING.sides]:
-            R = _downwards(R_WT, normal)
-            if area > TUNING.least_side and -R[2, 2] > TUNING.steepest:
-                found.append(R)
-    return found
+    largest = sorted(sides, key=lambda side: -side[1])[: TUNING.sides]
+    return [normal for normal, area in largest if area > TUNING.least_side]
 
 
-def _downwards(R_WT: Array, normal_T: Array) -> Array:
+def downwards(R_WT: Array, normal_T: Array) -> Array:
     """Return the tool's axes (3, 3) nearest to some in which a direction (3,) of its frame points down."""
     now = R_WT @ normal_T
     turn, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [now])
@@ -142,7 +227,7 @@ def set_down(
         cell: whose arm holds it.
         points_T: (N, 3) of it in the tool's frame [m].
         R_WT: (3, 3) the tool's axes in which it stood; turns about the vertical are free.
-        places: (3,) each: x, y and the support's height [m].
+        places: (3,) each: x, y and the support's height [m]; (4,): and the one turn about the vertical that may be.
         yaws: turns about the vertical that may be [rad]; None: any.
 
     Returns:
@@ -154,14 +239,12 @@ def set_down(
     every = np.arange(TUNING.turns) * (2.0 * np.pi / TUNING.turns) if yaws is None else np.asarray(yaws)
     last = NoWay("no place to set it down is reached")
     for place in places:
-        for yaw in every:
+        for yaw in every if len(place) == 3 else place[3:]:
             X = pose_over(points_T, turned(R_WT, float(yaw)), place[:2], float(place[2]) + TUNING.gap)
-            above = X.copy()
-            above[2, 3] += TUNING.above
-            for q_above in mover.goals(above, cell.commanded)[:2]:
+            for q_above in _over(mover, X, cell.commanded):
                 try:
                     line = mover.line(q_above, X)
-                    if not mover.bare_free(line, 0.0, standing=True):
+                    if not mover.bare_free(line, TUNING.grazing, standing=True):
                         raise NoWay("something is in the way of setting it down")
                     back = way_back(mover, line[-1])
                     way = mover.path(cell.commanded, line[:1])
@@ -171,6 +254,18 @@ def set_down(
                 go(cell, mover.timed(way))
                 return release(mover, cell, line, back), place
     raise last
+
+
+def _over(mover: Mover, X_WT: Array, q: Array) -> Array:
+    """Return joint angles (G, n) over where something is set down (4, 4), from the lowest height that is free."""
+    goals = np.zeros((0, len(q)))
+    for height in TUNING.above:
+        above = X_WT.copy()
+        above[2, 3] += height
+        goals = mover.goals(above, q)[:2]
+        if len(goals):
+            break
+    return np.asarray(goals)
 
 
 def release(mover: Mover, cell: Cell, line: Array, back: Array) -> Array:
@@ -198,37 +293,64 @@ def way_back(mover: Mover, q: Array) -> Array:
             away[:3, 3] += back * direction
             with contextlib.suppress(NoWay):
                 line = mover.line(q, away)
-                if mover.bare_free(line, 0.0):
+                if mover.bare_free(line, TUNING.grazing):
                     return line
     raise NoWay("no way back from where it would be set down")
 
 
 def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Array, R_WT: Array) -> list[Array]:
-    """Return places (3,) in a bin for what is held, the best first: beside others before upon them.
+    """Return places (4,) in a bin for what is held, the best first: x, y, height of the support [m], turn [rad].
+
+    Beside others before upon them, there where what it stands on is even; far from the middle, to leave room for more.
 
     Args:
         low: (3,) lowest corner of the bin's inside [m].
         high: (3,) its highest.
         standing: what was set down there.
         points_T: (N, 3) of what is held in the tool's frame [m].
-        R_WT: (3, 3) the tool's axes in which it stands.
+        R_WT: (3, 3) the tool's axes in which it stands, but for the turn about the vertical.
     """
-    extent = np.ptp(cloud_cells(points_T @ R_WT.T, 0.01), axis=0)
-    radius = 0.5 * float(np.hypot(extent[0], extent[1]))
-    inner = min(radius, 0.45 * float(min(high[0] - low[0], high[1] - low[1])))
-    xs = np.arange(low[0] + inner, high[0] - inner + 1e-9, TUNING.spot)
-    ys = np.arange(low[1] + inner, high[1] - inner + 1e-9, TUNING.spot)
-    found: list[tuple[float, Array]] = []
-    for x in xs:
-        for y in ys:
-            support = low[2]
-            room = 1.0
-            for one in standing:
-                apart = float(np.hypot(x - one.place[0], y - one.place[1])) - one.radius - radius
-                room = min(room, apart)
-                if apart < TUNING.room:
-                    support = max(support, one.top)
-            middle = float(np.hypot(x - 0.5 * (low[0] + high[0]), y - 0.5 * (low[1] + high[1])))
-            found.append((10.0 * (support - low[2]) - 0.2 * min(room, 0.1) + 0.05 * middle, np.array([x, y, support])))
-    found.sort(key=lambda entry: entry[0])
-    return [place for _, place in found[:12]]
+    held, edge = cloud_cells(points_T, TUNING.cell), int(np.ceil(TUNING.room / TUNING.cell))
+    count = np.floor((high - low)[:2] / TUNING.cell).astype(np.int64) + 1
+    height = np.full(count, low[2])
+    for one in standing:
+        at = np.round((outline(one)[:, :2] - low[:2]) / TUNING.cell).astype(np.int64)
+        at = at[((at >= 0) & (at < count)).all(axis=1)]
+        height[tuple(at.T)] = np.maximum(height[tuple(at.T)], one.top)
+    far = TUNING.cell * ndimage.distance_transform_edt(height <= low[2]) if standing else np.full(count, TUNING.wide)
+    height = ndimage.maximum_filter(height, 2 * edge + 1)
+    middle = 0.5 * (low + high)[:2]
+    ranked: list[tuple[float, int, Array]] = []
+    for k in range(TUNING.turns):
+        yaw = k * (2.0 * np.pi / TUNING.turns)
+        cells = np.round(footprint(held, turned(R_WT, yaw)) / TUNING.cell).astype(np.int64)
+        span = np.abs(cells).max(axis=0)
+        mask = np.zeros(2 * span + 1, dtype=bool)
+        mask[tuple((cells + span).T)] = True
+        support = ndimage.maximum_filter(height, footprint=mask, mode="constant", cval=np.inf)
+        room = np.minimum(ndimage.minimum_filter(far, footprint=mask), TUNING.wide)
+        hollow = support - ndimage.minimum_filter(height, footprint=mask)
+        inside = np.isfinite(support)
+        wall = TUNING.cell * ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
+        at = np.argwhere(inside)
+        places = np.column_stack([low[:2] + TUNING.cell * at, support[inside], np.full(len(at), yaw)])
+        cost = 10.0 * (support - low[2] + hollow)[inside] - (room + np.minimum(wall, TUNING.hand))[inside]
+        cost -= 0.05 * np.linalg.norm(places[:, :2] - middle, axis=1)
+        order = np.argsort(cost, kind="stable")
+        # Which turns the arm reaches nobody knows: each has its best places tried, in turn.
+        few = spread_out(places[order])
+        level = {tuple(place): float(c) for place, c in zip(places[order], cost[order], strict=True)}
+        ranked += [(round(level[tuple(place)]), rank, place) for rank, place in enumerate(few)]
+    return [place for _, _, place in sorted(ranked, key=lambda entry: entry[:2])][: TUNING.places]
+
+
+def spread_out(places: Sequence[Array] | Array) -> list[Array]:
+    """Return the first few of places (4,) that are not nearly another one at the same turn: one tells of both."""
+    kept: list[Array] = []
+    for place in places:
+        off = [float(np.hypot(*(place - other)[:2])) for other in kept if other[3] == place[3]]
+        if min(off, default=np.inf) >= TUNING.apart - 1e-9:
+            kept.append(place)
+        if len(kept) == TUNING.places // TUNING.turns:
+            break
+    return kept

@@ -51,9 +51,16 @@ class Tuning:
     friction: float = 0.3
     """Between pad and object that the swinging counts on."""
 
-    shares: tuple[float, ...] = (0.25, 0.5)
-    """Of what the grip carries that the swinging asks for: at 0.4 an L that was held 4 cm off its centre crept by 5 mm
-    in 10 s, at steps of the world of 1 and 2.5 ms alike. What takes more at rest is swung with the second one."""
+    share: float = 0.25
+    """Of what the grip carries by that friction, the swinging asks for: with 0.5 a tapered flask, which the pads touch
+    along a slanted strip, was lost."""
+
+    beyond_rest: float = 1.5
+    """How many times what an object takes of the grip at rest the swinging may take, where that is more: it was turned
+    to all sides before and has not fallen."""
+
+    most: float = 2.5
+    """The same share at most: friction on the pads is up to 0.9."""
 
     pad_half: float = 0.0105
     """Half of the pads' width [m]."""
@@ -61,8 +68,15 @@ class Tuning:
     pad: tuple[float, float] = (-0.035, 0.010)
     """z of the pads' ends in the tool's frame [m]."""
 
-    pressed: float = 0.008
-    """Points this near to a pad's face are pressed by it [m]."""
+    pressed: tuple[float, ...] = (0.001, 0.008)
+    """Points this near to a pad's face are pressed by it [m]: as far as soft pads give way, and depth errs. Of what is
+    round that is a strip, slanted where it is held so. The second one counts where there are too few."""
+
+    few: int = 12
+    """Points that make a patch."""
+
+    least: float = 0.003
+    """Edge of the smallest patch [m]."""
 
     harmonics: int = 15
     """Of the motion: 1.5 Hz at the most in 10 s."""
@@ -70,8 +84,15 @@ class Tuning:
     clear: float = 0.02
     """Kept from everything while swinging [m]."""
 
-    acceleration: float = 4.0
-    """Over speed limit of each joint [1/s]: what the driver's impedance follows closely."""
+    acceleration: float = 5.0
+    """Over speed limit of each joint [1/s]: 15 rad/s² of an iiwa's wrist, which its driver's impedance follows
+    closely."""
+
+    turning: float = 0.0005
+    """By which fingers move when what they hold turns between them [m]: what is round goes 2 mm before it is lost."""
+
+    steps: int = 80
+    """Of the search for the best motion, some 15 s of a core."""
 
     rest: float = 0.3
     """Before and after [s]."""
@@ -81,6 +102,10 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+
+class Slipping(WeighingError):
+    """What is held turns in the hand while it is swung."""
 
 
 @dataclass(frozen=True)
@@ -124,15 +149,20 @@ def grip_on(points_T: Array, opening: float, force: float) -> Grip:
         opening: between the fingers [m].
         force: with which each presses [N].
     """
-    low, high = TUNING.pad
-    beside = np.abs(np.abs(points_T[:, 1]) - 0.5 * opening) < TUNING.pressed
-    z = points_T[beside & (np.abs(points_T[:, 0]) < TUNING.pad_half), 2]
-    z = z[(z > low) & (z < high)]
-    if len(z) >= 3:
-        low, high = float(z.min()), float(z.max())
-    long = max(high - low, 0.006)
-    middle = (0.0, 0.0, 0.5 * (low + high))
-    return Grip(force, TUNING.friction, 2 * TUNING.pad_half, long, middle, TUNING.shares[0])
+    x, z = points_T[:, 0], points_T[:, 2]
+    under = (np.abs(x) < TUNING.pad_half) & (z > TUNING.pad[0]) & (z < TUNING.pad[1])
+    off = np.abs(np.abs(points_T[:, 1]) - 0.5 * opening)
+    edges = np.array([2.0 * TUNING.pad_half, TUNING.pad[1] - TUNING.pad[0]])
+    middle = np.array([0.0, 0.5 * (TUNING.pad[0] + TUNING.pad[1])])
+    for reach in TUNING.pressed:
+        patch = points_T[under & (off < reach)][:, [0, 2]]
+        if len(patch) >= TUNING.few:
+            # How wide it is at one height, how long at one side: an even rectangle's edges are √12 standard deviations.
+            spread = np.linalg.inv(np.cov(patch.T) + TUNING.least**2 / 12.0 * np.eye(2))
+            edges, middle = np.minimum(np.sqrt(12.0 / np.diag(spread)), edges), patch.mean(axis=0)
+            break
+    centre = (float(middle[0]), 0.0, float(middle[1]))
+    return Grip(force, TUNING.friction, float(edges[0]), float(edges[1]), centre, TUNING.share)
 
 
 def best_motion(
@@ -165,22 +195,30 @@ def best_motion(
     X_TO[:3, 3] = X_TS[:3, :3] @ (0.5 * (low + high)) + X_TS[:3, 3]
     limits = MotionLimits.of(model, acceleration=TUNING.acceleration * np.asarray(model.velocity_limit))
     grip = grip_on(points_S @ X_TS[:3, :3].T + X_TS[:3, 3], cell.opening, cell.force)
-    for share in TUNING.shares:
-        try:
-            return optimise_excitation(
-                model,
-                RigidTransform(X_TO),
-                Shape.box(high - low).even(mass),
-                posture,
-                limits=limits,
-                grip=replace(grip, share=share),
-                clear=lambda q: mover.free(q, TUNING.clear),
-                plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=40),
-            )
-        except WeighingError:
-            if share == TUNING.shares[-1]:
-                raise
-    raise AssertionError("one share at least is tried")
+    return optimise_excitation(
+        model,
+        RigidTransform(X_TO),
+        Shape.box(high - low).even(mass),
+        posture,
+        limits=limits,
+        grip=replace(grip, share=share_of(grip, mass, X_TO[:3, 3])),
+        clear=lambda q: mover.free(q, TUNING.clear),
+        plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=TUNING.steps),
+    )
+
+
+def share_of(grip: Grip, mass: float, centre_T: Array) -> float:
+    """Return the share of what a grip carries that swinging may ask for.
+
+    Args:
+        grip: that holds it.
+        mass: of what hangs in it [kg], the tool pointing down.
+        centre_T: (3,) its middle in the tool's frame [m].
+    """
+    force = np.array([0.0, 0.0, 9.81 * mass])
+    wrench = np.concatenate([force, np.cross(centre_T - np.array(grip.centre), force)])
+    at_rest = float(replace(grip, share=1.0).use(wrench[None])[0])
+    return float(np.clip(TUNING.beyond_rest * at_rest, TUNING.share, TUNING.most))
 
 
 def swing_held(
@@ -221,13 +259,27 @@ def swing_empty(model: Model, mover: Mover, cell: Cell, motion: Excitation, open
 
 
 def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str) -> Log:
-    """Go along a motion and return the arm's messages on the way."""
+    """Go along a motion and return the arm's messages on the way.
+
+    Raises:
+        Slipping: the fingers come nearer to each other, or are pushed apart: what they hold turns. The arm is at rest.
+    """
     period = motion.harmonics.period
     times = np.arange(0.0, period + 1e-9, 0.005)
     q = motion.at(times)[0]
+    opening = cell.opening
+
+    def held(now: float) -> None:
+        if abs(cell.opening - opening) > TUNING.turning:
+            raise Slipping("it turns between the fingers when it is swung; grip elsewhere")
+
     with cell.recording() as messages:
         cell.wait(TUNING.rest)
-        cell.follow(times, q)
+        try:
+            cell.follow(times, q, held)
+        except Slipping:
+            cell.brake()
+            raise
         cell.wait(TUNING.rest)
     return log_of(messages, joints, source)
 

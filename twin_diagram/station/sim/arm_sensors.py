@@ -29,8 +29,8 @@ class ArmSensors(LeafSystem):
 
     Message k is taken at k / rate, k = 1, 2, …, and stands on the ports from then on: an event at the same time still
     sees the one before. `position_measured` (n) [rad] is a whole number of encoder counts, `velocity_estimated` (n)
-    [rad/s] has white noise, `torque_measured` (n) [N·m] is what `torque` says, with white noise
-    and a constant error: what the motors gave in the plant's last step, before friction and rotor inertia, or what the
+    [rad/s] has white noise, `torque_measured` (n) [N·m] is what `torque` says, with a gain, a constant error
+    and white noise: what the motors gave in the plant's last step, before friction and rotor inertia, or what the
     gears passed on; `measurement_time` (1) [s]; `gripper_measured`
     (2g) positions then speeds. Noise is a function of seed and message alone.
     """
@@ -51,8 +51,9 @@ class ArmSensors(LeafSystem):
         super().__init__()
         if not rate > 0:
             raise ScenarioError("twin.driver.rate", f"{rate} is not positive")
-        if defects.torque_bias and len(defects.torque_bias) != n:
-            raise ScenarioError("world.arm_defects.torque_bias", f"{len(defects.torque_bias)} numbers for {n} joints")
+        for name, values in (("torque_bias", defects.torque_bias), ("torque_gain", defects.torque_gain)):
+            if values and len(values) != n:
+                raise ScenarioError(f"world.arm_defects.{name}", f"{len(values)} numbers for {n} joints")
         if not 1 <= defects.encoder_bits <= 60:
             raise ScenarioError("world.arm_defects.encoder_bits", f"{defects.encoder_bits} is not in 1 to 60")
         for name, value in (("velocity_noise", defects.velocity_noise), ("torque_noise", defects.torque_noise)):
@@ -62,6 +63,7 @@ class ArmSensors(LeafSystem):
         self._count = 2.0 * np.pi / 2.0**defects.encoder_bits
         self._velocity_noise, self._torque_noise = defects.velocity_noise, defects.torque_noise
         self._bias = np.array(defects.torque_bias, dtype=float) if defects.torque_bias else np.zeros(n)
+        self._gain = np.array(defects.torque_gain, dtype=float) if defects.torque_gain else np.ones(n)
         self._rate, self._seed = rate, seed
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
         self._torque = self.DeclareVectorInputPort("torque", n)
@@ -95,6 +97,6 @@ class ArmSensors(LeafSystem):
         state = self._motor.Eval(context)
         position = np.round(state[:n] / self._count) * self._count + 0.0  # no negative zero
         velocity = state[m : m + n] + self._velocity_noise * noise[:n]
-        torque = self._torque.Eval(context) + self._bias + self._torque_noise * noise[n:]
+        torque = self._gain * self._torque.Eval(context) + self._bias + self._torque_noise * noise[n:]
         gripper = np.concatenate([state[n:m], state[m + n :]])
         discrete.set_value(np.concatenate([position, velocity, torque, gripper, [time]]))

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.signals.compiled import one_layout
 from twin_diagram.station.depth_units import Colour
 from twin_diagram.station.sim.camera_noise import TUNING as NOISE
 from twin_diagram.station.sim.camera_profiles import CameraFaults
 from twin_diagram.station.sim.noise import Stream, generator
+from twin_diagram.station.sim.picture_kernels import scattered
 
 
 class DimLight:
@@ -33,11 +35,9 @@ class DimLight:
     def seen(self, colour: Colour, number: int) -> Colour:
         """Return the colours (H, W, 4) of a frame as the camera delivers them, alpha 255; they are not changed."""
         offset = int(generator(self._seed, Stream.CAMERA_TABLE, 1 + number).integers(NOISE.offsets))
-        noisy = self._std[colour]
-        noisy *= self._table[offset : offset + colour.size].reshape(colour.shape)
-        noisy += self._level[colour]
-        result: Colour = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-        result[..., 3] = 255
+        result: Colour = np.empty_like(colour, order="C")
+        noise = self._table[offset : offset + colour.size]
+        scattered(one_layout(colour).reshape(-1, 4), self._level, self._std, noise, result.reshape(-1, 4))
         return result
 
 

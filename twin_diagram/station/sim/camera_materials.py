@@ -8,12 +8,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
+from twin_diagram.signals.compiled import one_layout
 from twin_diagram.signals.lens import Lens
 from twin_diagram.station.depth_units import Depth
 from twin_diagram.station.sim.camera_noise import TUNING as NOISE
 from twin_diagram.station.sim.camera_noise import Field, correlated
 from twin_diagram.station.sim.camera_profiles import CameraFaults
 from twin_diagram.station.sim.noise import Stream, generator
+from twin_diagram.station.sim.picture_kernels import cosines
 
 Mask = npt.NDArray[np.bool_]
 
@@ -43,25 +45,11 @@ def incidence_cosine(depth: Depth, lens: Lens) -> Field:
     Returns:
         (H, W) from 0 to 1; of pixels without depth it means nothing.
     """
-    z_u, z_v = _slope(depth, 1), _slope(depth, 0)
-    u = (np.arange(lens.width, dtype=np.float32) - np.float32(lens.cx))[None, :]
-    v = (np.arange(lens.height, dtype=np.float32) - np.float32(lens.cy))[:, None]
-    length = np.square(depth + u * z_u + v * z_v)
-    length += np.square(np.float32(lens.fx) * z_u)
-    length += np.square(np.float32(lens.fy) * z_v)
-    length *= np.square(u / np.float32(lens.fx)) + np.square(v / np.float32(lens.fy)) + np.float32(1.0)
-    return np.asarray(depth / np.sqrt(np.maximum(length, np.float32(1e-12))))
-
-
-def _slope(depth: Depth, axis: int) -> Field:
-    """Return the flatter of the differences to both neighbours along an axis, per pixel."""
-    step = np.diff(depth, axis=axis)
-    pad = [(0, 0)] * depth.ndim
-    pad[axis] = (0, 1)
-    after = np.pad(step, pad, mode="edge")
-    pad[axis] = (1, 0)
-    before = np.pad(step, pad, mode="edge")
-    return np.where(np.abs(after) < np.abs(before), after, before)
+    u = np.arange(lens.width, dtype=np.float32) - np.float32(lens.cx)
+    v = np.arange(lens.height, dtype=np.float32) - np.float32(lens.cy)
+    result = np.empty(depth.shape, np.float32)
+    cosines(one_layout(np.asarray(depth, np.float32)), u, v, np.float32(lens.fx), np.float32(lens.fy), result)
+    return result
 
 
 class Reflections:

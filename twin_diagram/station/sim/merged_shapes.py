@@ -107,13 +107,27 @@ class _Shaded:
 @lru_cache(maxsize=256)
 def _shaded(vertices: bytes, faces: bytes) -> _Shaded:
     """Return a part as text. Kept: colour and depth cameras, and further stations, show the same shapes."""
+    corners, normals, triangles = _smooth(vertices, faces)
+    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in corners.tolist()]
+    lines += [f"vn {x:.5g} {y:.5g} {z:.5g}" for x, y, z in normals.tolist()]
+    return _Shaded("\n".join(lines), len(corners), triangles)
+
+
+def smooth(part: trimesh.Trimesh) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    """Return corners (V, 3), unit normals (V, 3) and triangles (F, 3) of a part, its flat edges smoothed; read-only."""
+    return _smooth(np.asarray(part.vertices).tobytes(), np.asarray(part.faces, dtype=np.int64).tobytes())
+
+
+@lru_cache(maxsize=256)
+def _smooth(vertices: bytes, faces: bytes) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     part = trimesh.Trimesh(
         np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3), process=False
     )
-    smooth = trimesh.graph.smooth_shade(part, angle=TUNING.sharp)
-    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in smooth.vertices.tolist()]
-    lines += [f"vn {x:.5g} {y:.5g} {z:.5g}" for x, y, z in smooth.vertex_normals.tolist()]
-    return _Shaded("\n".join(lines), len(smooth.vertices), np.array(smooth.faces, dtype=np.int64))
+    found = trimesh.graph.smooth_shade(part, angle=TUNING.sharp)
+    result = np.array(found.vertices), np.array(found.vertex_normals), np.array(found.faces, dtype=np.int64)
+    for array in result:
+        array.setflags(write=False)
+    return result
 
 
 def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
@@ -131,7 +145,7 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
         label = RenderLabel.kDontCare
         for geometry in inspector.GetGeometries(frame, Role.kPerception):
             properties = inspector.GetPerceptionProperties(geometry)
-            colour = _colour(properties)
+            colour = plain_colour(properties)
             part = tessellate(inspector.GetShape(geometry)) if colour is not None else None
             if part is None or colour is None or not inspector.BelongsToSource(geometry, source):
                 continue
@@ -153,7 +167,7 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
         scene_graph.AssignRole(source, merged, properties)
 
 
-def _colour(properties: PerceptionProperties) -> Array | None:
+def plain_colour(properties: PerceptionProperties) -> Array | None:
     """Return (r, g, b) of a shape; None where one colour does not say it all."""
     if properties.HasProperty("phong", "diffuse_map"):
         return None

@@ -111,6 +111,4 @@ class PictureTaker:
         if float(np.abs(v).max(initial=0.0)) * self._off.exposure < TUNING.still:
             return self._renderer.colour(q, view, X_WC)
         half = 0.5 * self._off.exposure * self._renderer.rates(state)
-        # A renderer's image is its own until the next: copied.
-        opening = self._renderer.colour(q - half, view, X_WC).copy()
-        return mean_of(opening, self._renderer.colour(q + half, view, X_WC))
+        return mean_of(*self._renderer.colours(q - half, q + half, view, X_WC))

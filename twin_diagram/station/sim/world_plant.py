@@ -97,20 +97,24 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     return world
 
 
-def build_appearance(builder: DiagramBuilder, scenario: Scenario, name: str = "appearance") -> Appearance:
+def build_appearance(
+    builder: DiagramBuilder, scenario: Scenario, name: str = "appearance", *, merged: bool = True
+) -> Appearance:
     """Add a second SceneGraph that shows the world.
 
     Args:
         builder: of the station.
         scenario: the one whose world was built.
         name: of the SceneGraph, in the builder.
+        merged: whether each body's plain shapes become one mesh; a renderer draws that faster.
     """
     scene_graph = builder.AddNamedSystem(name, SceneGraph())
     plant = MultibodyPlant(scenario.world.time_step)
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     objects = _populate(plant, scene_graph, scenario).objects
     source = plant.get_source_id()
-    merge_shapes(scene_graph, source)
+    if merged:
+        merge_shapes(scene_graph, source)
     poses = builder.AddNamedSystem(f"{name}_poses", MultibodyPositionToGeometryPose(plant))
     builder.Connect(poses.get_output_port(), scene_graph.get_source_pose_port(source))
     return Appearance(plant, poses, scene_graph, objects)

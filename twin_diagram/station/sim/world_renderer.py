@@ -25,6 +25,8 @@ from twin_diagram.scenario import Scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.lens import Lens, depth_between, unit_rays
 from twin_diagram.station.depth_units import Colour, Depth
+from twin_diagram.station.sim.drawn_shapes import drawn_shapes
+from twin_diagram.station.sim.drawn_world import DrawnWorld
 from twin_diagram.station.sim.world_plant import build_appearance
 
 _RENDERER = "camera"
@@ -71,7 +73,11 @@ class LensView:
 
 
 class WorldRenderer:
-    """Renders the world of a scenario. Holds a Context of its own, in which every picture sets all positions anew."""
+    """Renders the world of a scenario. Holds a Context of its own, in which every picture sets all positions anew.
+
+    What the project draws itself it draws (see `DrawnWorld`); a world with meshes of another kind goes to Drake's VTK
+    renderer as a whole.
+    """
 
     def __init__(
         self, scenario: Scenario, params: RenderEngineVtkParams, clipping: ClippingRange, depth_range: DepthRange
@@ -86,8 +92,16 @@ class WorldRenderer:
         """
         self._clipping, self._depth_range = clipping, depth_range
         builder = DiagramBuilder()
-        shown = build_appearance(builder, scenario)
-        shown.scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
+        shown = build_appearance(builder, scenario, merged=False)
+        shapes = drawn_shapes(shown.scene_graph)
+        self._drawn: DrawnWorld | None = None
+        if shapes is None:
+            builder = DiagramBuilder()
+            shown = build_appearance(builder, scenario)
+            shown.scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(params))
+        else:
+            sky = np.asarray(params.default_clear_color)
+            self._drawn = DrawnWorld(shapes, params.lights, sky, clipping.near(), clipping.far())
         builder.ExportInput(shown.poses.get_input_port(), "positions")
         builder.ExportOutput(shown.scene_graph.get_query_output_port(), "query")
         self._diagram = builder.Build()
@@ -107,22 +121,42 @@ class WorldRenderer:
 
     def colour(self, positions: Array, view: LensView, X_WC: RigidTransform) -> Colour:
         """Return the colours (H, W, 4) that a camera at X_WC sees at positions (nq,)."""
-        image = self._at(positions).RenderColorImage(ColorRenderCamera(self._core(view), False), self._world, X_WC)
+        query = self._at(positions)
+        if self._drawn is not None:
+            return view.colour(self._drawn.colour(query, view.straight, X_WC))
+        image = query.RenderColorImage(ColorRenderCamera(self._core(view), False), self._world, X_WC)
         return view.colour(image.data)
+
+    def colours(self, first: Array, second: Array, view: LensView, X_WC: RigidTransform) -> tuple[Colour, Colour]:
+        """Return the colours (H, W, 4) that a camera at X_WC sees at two positions (nq,) near to each other."""
+        if self._drawn is None:
+            # A renderer's image is its own until the next: copied.
+            return self.colour(first, view, X_WC).copy(), self.colour(second, view, X_WC)
+        query = self._at(first)
+        image, poses = self._drawn.colour(query, view.straight, X_WC), self._drawn.poses(query)
+        again = self._drawn.again(image, poses, self._at(second), view.straight, X_WC)
+        return view.colour(image), view.colour(again)
 
     def depth(self, positions: Array, view: LensView, X_WD: RigidTransform) -> Depth:
         """Return the depth (H, W) [m] that a camera at X_WD sees at positions (nq,), 0 or infinite beyond its range."""
-        image = self._at(positions).RenderDepthImage(
-            DepthRenderCamera(self._core(view), self._depth_range), self._world, X_WD
-        )
+        query, reach = self._at(positions), self._depth_range
+        if self._drawn is not None:
+            least, most = reach.min_depth(), reach.max_depth()
+            return view.depth(self._drawn.depth(query, view.straight, X_WD, least, most))
+        image = query.RenderDepthImage(DepthRenderCamera(self._core(view), reach), self._world, X_WD)
         return view.depth(image.data[..., 0])
 
     def shows(
         self, positions: Array, view: LensView, X_WD: RigidTransform, labels: Iterable[int]
     ) -> npt.NDArray[np.bool_]:
         """Return (H, W) where a camera at X_WD sees bodies with any of some labels at positions (nq,)."""
-        image = self._at(positions).RenderLabelImage(ColorRenderCamera(self._core(view), False), self._world, X_WD)
-        return np.isin(view.label(image.data[..., 0]), list(labels))
+        query = self._at(positions)
+        if self._drawn is not None:
+            seen = self._drawn.labels(query, view.straight, X_WD).astype(np.int16)
+        else:
+            core = ColorRenderCamera(self._core(view), False)
+            seen = query.RenderLabelImage(core, self._world, X_WD).data[..., 0]
+        return np.isin(view.label(seen), list(labels))
 
     def _core(self, view: LensView) -> RenderCameraCore:
         return RenderCameraCore(_RENDERER, drakes_intrinsics(view.straight), self._clipping, RigidTransform())

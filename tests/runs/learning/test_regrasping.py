@@ -1,0 +1,82 @@
+"""What stands on the platform is taken by what the picture alone shows where no chosen grasp can be had."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from twin_diagram.planning.grasps import gripper_of
+from twin_diagram.runs.learning import regrasping
+from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.picking import Taken
+from twin_diagram.runs.learning.regrasping import fallen_pose, take_again
+from twin_diagram.scenario import Learning
+
+AT = np.array([0.52, 0.0, 0.06])
+NOBODY: Any = SimpleNamespace()
+
+
+def box_seen() -> SeenThing:
+    """The upper side of a box 4 cm wide and 8 cm tall, and its side towards the camera."""
+    rng = np.random.default_rng(1)
+    top = np.column_stack([rng.uniform(-0.02, 0.02, (900, 2)), np.full(900, 0.08)])
+    side = np.column_stack([np.full(900, 0.02), rng.uniform(-0.02, 0.02, 900), rng.uniform(0.0, 0.08, 900)])
+    normals = np.repeat([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]], 900, axis=0)
+    order = rng.permutation(1800)
+    points = np.vstack([top, side]) + AT
+    return SeenThing(points[order], normals[order], np.zeros((1800, 2), int), np.array([1.15, 0.0, 0.62]))
+
+
+def test_the_picture_alone_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -> None:
+    thing, asked = box_seen(), []
+    seen = Followed(points=thing.points - AT, normals=thing.normals)
+
+    def reach_of(mover: Any, cell: Any, grasps: Any, order: list[int]) -> Any:
+        asked.append(len(order))
+        return SimpleNamespace(X_WT=np.eye(4)) if order else None
+
+    def take(mover: Any, cell: Any, reach: Any) -> Taken | None:
+        return None if len(asked) < 5 else Taken(reach.X_WT, 0.04, 0)
+
+    for name, stand_in in (("on_platform", lambda cell, learning: thing), ("reach_of", reach_of), ("take", take)):
+        monkeypatch.setattr(regrasping, name, stand_in)
+    X_WS = np.eye(4)
+    X_WS[:3, 3] = AT
+    learning = Learning(platform=[[0.42, -0.1, 0.0], [0.62, 0.1, 0.06]])
+    found = take_again(NOBODY, NOBODY, learning, gripper_of("wsg50"), seen, X_WS, lambda grasps, X: [])
+    assert asked[:3] == [0, 0, 0] and min(asked[3:]) > 0 and len(asked) == 5
+    assert found is not None
+    np.testing.assert_allclose(found[1], np.linalg.inv(X_WS), atol=2e-3)
+
+
+def test_what_tipped_over_is_found_on_its_new_side() -> None:
+    """A block of 4 x 6 x 10 cm, on its largest side now, turned by 70° and 3 cm aside."""
+    rng = np.random.default_rng(4)
+    size = np.array([0.04, 0.06, 0.10])
+    points, normals = [], []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            face = rng.uniform(-0.5, 0.5, (700, 3)) * size
+            face[:, axis] = 0.5 * sign * size[axis]
+            points.append(face)
+            normals.append(np.tile(sign * np.eye(3)[axis], (700, 1)))
+    cloud, outward = np.concatenate(points), np.concatenate(normals)
+    seen = Followed(points=cloud, normals=outward)
+    thought, true = np.eye(4), np.eye(4)
+    thought[:3, 3] = AT + [0.0, 0.0, 0.05]
+    true[:3, :3] = Rotation.from_euler("ZY", [70, 90], degrees=True).as_matrix()
+    true[:3, 3] = AT + [0.03, -0.01, 0.02]
+    placed, facing = cloud @ true[:3, :3].T + true[:3, 3], outward @ true[:3, :3].T
+    shown = np.flatnonzero(np.einsum("ni,ni->n", facing, np.array([1.15, 0.0, 0.62]) - placed) > 0.0)
+    shown = rng.permutation(shown)[:1200]
+    noisy = placed[shown] + 5e-4 * rng.normal(size=(len(shown), 3))
+    X_SW, share = fallen_pose(seen, noisy, facing[shown], thought, 0.06)
+    assert share > 0.9
+    back = noisy @ X_SW[:3, :3].T + X_SW[:3, 3]
+    assert (np.abs(np.abs(back) - 0.5 * size).min(axis=1) < 3e-3).mean() > 0.97
+    assert (np.abs(back) < 0.5 * size + 3e-3).all()
