@@ -11,15 +11,15 @@ import pytest
 from tests.gap.made import ARM, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.candidates.external_force import external_forces
-from twin_diagram.gap.candidates.payload import payload
+from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
 from twin_diagram.gap.whole_robot.explain import begun, concluded, settled, settled_beside
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut
-from twin_diagram.gap.whole_robot.loads import evidence, loaded
-from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
-from twin_diagram.gap.whole_robot.pushes import pushes
+from twin_diagram.gap.whole_robot.loads import evidence, loaded, rise_with
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.pushes import TUNING, pushes
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import offered, room_for, terms_of, unusual, weighed, with_candidate
 from twin_diagram.model.effects import Effect
@@ -39,6 +39,7 @@ def problem(*added: Effect) -> RobotProblem:
 
 
 PAYLOAD = effect("payload", links=["tool0"], mass=MASS, com=COM)
+GAINS = effect("torque_constant", joints=["shoulder_lift_joint", "elbow_joint"], gain=[1.05, 0.95])
 TILT = effect("gravity_tilt", roll=0.05, pitch=-0.03)
 
 
@@ -53,6 +54,19 @@ def test_a_payload_is_found_with_its_mass_and_centre() -> None:
     assert told is not None and "payload" in {finding.name for finding in told.findings}
     (mass,) = [f.parameters["mass"] for f in told.findings if f.name == "payload"]
     assert mass.std >= 0.1 * start.links.described[-1, 0]  # type: ignore[union-attr]  # the last link's own doubt
+
+
+def test_motors_that_are_off_do_not_hide_a_payload() -> None:
+    """Links alone would stand in for gains, and then for the payload, too."""
+    start = problem(effect("payload", links=["tool0"], mass=0.6, com=COM), GAINS)
+    terms = terms_of(start.sums, ARM)
+    load = payload_about(terms, np.array(COM))
+    noise = with_noise(start, solve(start))
+    both = replace(noise, sums=noise.sums.with_further([load]))
+    beside, _ = rise_with(noise, solve(noise), load, [])
+    assert beside > evidence(both, with_noise(both, solve(both)))[0] - evidence(noise, noise)[0]
+    calm = problem(GAINS)
+    assert loaded(calm, solve(calm)) is None
 
 
 def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> None:
@@ -135,6 +149,20 @@ def test_a_push_is_found_with_its_link_wrench_and_times_and_in_nothing_none() ->
     assert not pushes(calm, solve(calm), terms_of(calm.sums, ARM))
 
 
+def test_a_burst_that_is_over_at_once_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = ARM.with_effects([everywhere("viscous_friction", damping=2.0)])
+    records = noisy(ARM, true, 10.0)
+    (record,) = records.records
+    burst = np.exp(-(((record.time - 5.0) / 0.06) ** 2))[:, None] * np.array([3.0, -12.0, 8.0, 2.0, -2.0, 1.0])
+    records = replace(records, records=(replace(record, torque=record.torque + burst),))
+    whole, start = settled(begun(records, equations(records)))
+    terms = terms_of(whole.sums, ARM)
+    assert not pushes(whole, start, terms)
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.TUNING", replace(TUNING, shortest=0.0))
+    (brief,) = pushes(whole, start, terms)
+    assert brief.onset is not None and brief.end is not None and brief.end[1] - brief.onset[1] < 0.4
+
+
 def test_what_friction_does_at_a_crawl_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:
     true = ARM.with_effects([everywhere("viscous_friction", damping=2.0)])
     records = noisy(ARM, true, 10.0)
@@ -145,6 +173,7 @@ def test_what_friction_does_at_a_crawl_is_no_push(monkeypatch: pytest.MonkeyPatc
     records = replace(records, records=(replace(record, torque=record.torque + rough),))
     whole, start = settled(begun(records, equations(records)))
     terms = terms_of(whole.sums, ARM)
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.TUNING", replace(TUNING, shortest=0.0))
     assert not pushes(whole, start, terms)
     monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.beside_rough_friction", lambda *_: np.inf)
     assert pushes(whole, start, terms)
@@ -178,3 +207,13 @@ def test_a_push_stands_beside_all_that_is_usual() -> None:
     terms = terms_of(whole.sums, ARM)
     (push,) = pushes(whole, start, terms)
     assert rise_beside_the_usual(whole, start, push) > 100.0
+
+
+def test_an_offset_of_an_encoder_stands_beside_all_that_is_usual(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = problem(effect("encoder_offset", joints=["elbow_joint"], offset=0.1))
+    z, last = solve(start), ARM.bodies.body_of(ARM.last_link)[0]
+    (offset,) = [c for c in offered(terms_of(start.sums, ARM), ("encoder_offset",)) if c.joints == (2,)]
+    left_out = LeftOut.of(start, z)
+    assert weighed(start, z, left_out, offset, last) is not None
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.unusual.rise_beside_the_usual", lambda *_: 29.0)
+    assert weighed(start, z, left_out, offset, last) is None

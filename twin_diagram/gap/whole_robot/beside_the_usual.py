@@ -1,6 +1,7 @@
-"""Whether an event is told beside everything usual: links that are off, joints' own terms, and friction that is rough.
+"""Whether an event is told beside everything usual: links that are off, joints' terms, a load, friction that is rough.
 
-While only some links and terms are free, what the others do passes for something that acts for a while.
+While only some links and terms are free, what the others do passes for something that acts for a while; so does a
+payload, while it may not be there.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.payload import payload
+from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
 from twin_diagram.gap.whole_robot.torque_equations import OWN
@@ -28,6 +31,7 @@ def rise_beside_the_usual(problem: RobotProblem, z: Array, event: Candidate) -> 
     """
     every = all_usual(problem)
     further = [c for c in problem.sums.further if c.place != event.place]
+    further += [load for load in [load_of(problem)] if load.name not in [c.name for c in further]]
     further += rough_friction(every, z, range(problem.n))
     without = replace(every, sums=problem.sums.with_further(further))
     beside = replace(every, sums=problem.sums.with_further([*further, event]))
@@ -41,6 +45,12 @@ def rise_beside_the_usual(problem: RobotProblem, z: Array, event: Candidate) -> 
         for one, x in ((without, before), (beside, after))
     ]
     return float(costs[0] - costs[1])
+
+
+def load_of(problem: RobotProblem) -> Candidate:
+    """Return what the robot may carry: a last link alone is drawn too near to its description to stand in for it."""
+    records = problem.sums.records
+    return payload(Terms(records, given_load(records), slow_speed(records)))
 
 
 def all_usual(problem: RobotProblem) -> RobotProblem:

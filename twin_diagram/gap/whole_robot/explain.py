@@ -111,7 +111,7 @@ def as_sure(found: WholeRobot, rise: float) -> WholeRobot:
         found: with a payload.
         rise: of the evidence that it brings [nats].
     """
-    sure = float(1.0 / (1.0 + np.exp(-min(rise, 30.0))))
+    sure = float(1.0 / (1.0 + np.exp(-min(rise - LOADS.worth, 30.0))))
     findings = [replace(one, confidence=sure) if one.name == Payload.name else one for one in found.findings]
     return replace(found, findings=tuple(findings))
 

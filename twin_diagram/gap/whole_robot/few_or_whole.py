@@ -14,6 +14,7 @@ from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import taking_over
+from twin_diagram.gap.whole_robot.coarse_torque import in_coarse_steps
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.gap.whole_robot.explain import explain
 from twin_diagram.gap.whole_robot.placeholders import as_of_the_description, placeholders
@@ -24,6 +25,12 @@ from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 Say = Callable[[str], None]
+
+COARSE = (
+    "most joints' torques are logged in steps as large as a good part of what they do, so only what makes left-out "
+    "motion likelier has a name: log torques more finely"
+)
+"""What is said of a log whose torques are rounded to a few values."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +73,11 @@ def explained(
         none = replace(bare, verdict="none", noise_floor=np.maximum(bare.noise_floor, recorded))
         return Explanation(none, given, None, whole)
     enough = taking_over.tells_of_change(whole, given, logs) if known else None
-    if whole is not None and (taking_over.suffices(whole, bare.noise_floor) if enough is None else enough):
+    coarse = in_coarse_steps(logs)  # which a search for a few names takes for effects
+    if coarse:
+        notes.append(COARSE)
+    suffices = coarse or (whole is not None and taking_over.suffices(whole, bare.noise_floor))
+    if whole is not None and (suffices if enough is None else enough):
         return Explanation(taking_over.as_named(records, bare, whole, recorded), whole.model, whole, whole)
     try:
         named = name(given, logs, say, records)
@@ -76,6 +87,8 @@ def explained(
             "joint moves to and fro do; the robot was fitted as a whole"
         )
         named = bare
+    if coarse and named.findings:
+        named = nameless(named)
     verdict, corrected, more = _corrected(given, logs, held, named, records, say)
     told = well_told(verdict.findings)
     if told != verdict.findings:

@@ -16,7 +16,8 @@ from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
-from twin_diagram.gap.whole_robot.unusual import believable, carried, terms_of, with_candidate
+from twin_diagram.gap.whole_robot.unusual import believable, carried, offered, terms_of, with_candidate
+from twin_diagram.model.effects.actuation import TorqueConstant
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.signals.arrays import Array
 
@@ -25,9 +26,13 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, chosen by hand; `sims/benchmarks/gap_whole_robots.py` shows what they do."""
 
-    worth: float = 1.0
-    """Rise of the evidence that a payload must bring [nats]. Where there is none it falls by 3.7 to 16, where there is
-    one it rises by 1.6 to 25 (`sims/benchmarks/gap_whole_robots.py`, seeds 60000 to 60048)."""
+    worth: float = -1.5
+    """Rise of the evidence that a payload must bring [nats]: that mass and centre may be anything costs it some four.
+    Where there is none it falls by 3.5 to 17, where there is one it is −6 to 140, below −1.5 on four of 30 arms (seeds
+    60000 to 60102 of `sims/benchmarks/gap_whole_robots.py`, each with a payload and before it was put on)."""
+
+    gains: float = 0.03
+    """By which motors' torque constants may be off while payload and links are weighed: they lift links, too."""
 
     rounds: int = 3
     """Times that a payload's centre is looked for, from where it was found before."""
@@ -66,16 +71,13 @@ def loaded(whole: RobotProblem, start: Array) -> RobotProblem | None:
         if not own[0] > 0.0 or not candidate.allows(own):
             break
         candidate = payload_about(terms, own[1:] / own[0])  # off its link's origin, a mass has inertia, too
-    beside = replace(whole, sums=whole.sums.with_further([*whole.sums.further, candidate]))
-    z = solve(beside, None, carried(whole, start, beside))
-    noise = with_noise(beside, z)
-    likely, spread = evidence(beside, noise)
-    if likely - evidence(whole, noise)[0] < TUNING.worth:
+    rise, spread = rise_with(whole, start, candidate, whole.sums.further)
+    if rise < TUNING.worth:
         return None
     load = replace(with_candidate(whole, candidate, last), spread=spread)
     # Links that may be further off than that would take the payload over again.
-    nearer = tuple(one for one in whole.spreads if one <= max(spread, min(whole.spreads)))
-    load = replace(load, spreads=nearer)
+    nearer = tuple(one for one in whole.spreads if one <= spread)
+    load = replace(load, spreads=nearer or (spread,))
     return load if believable(load) else None
 
 
@@ -87,10 +89,31 @@ def needed(problem: RobotProblem, others: Sequence[Candidate]) -> float:
         others: what is there in an explanation without one.
     """
     there = {candidate.place: candidate for candidate in (*others, *problem.sums.further)}
-    rest = [candidate for candidate in there.values() if candidate.name != Payload.name]
-    both = replace(problem, sums=problem.sums.with_further(list(there.values())))
-    noise = with_noise(both, solve(both))
-    return evidence(both, noise)[0] - evidence(replace(both, sums=problem.sums.with_further(rest)), noise)[0]
+    (load,) = [candidate for candidate in there.values() if candidate.name == Payload.name]
+    rest = [candidate for candidate in there.values() if candidate is not load]
+    return rise_with(problem, solve(problem), load, rest)[0]
+
+
+def rise_with(problem: RobotProblem, start: Array, load: Candidate, rest: Sequence[Candidate]) -> tuple[float, float]:
+    """Return by how much evidence rises with a payload [nats], and the spread of links that it is likeliest at.
+
+    Motors' torque constants may be off meanwhile: where links would have to stand in for them, too, nothing could be
+    told from links.
+
+    Args:
+        problem: with or without it.
+        start: its coordinates (Z,).
+        load: the payload.
+        rest: what else is there beside it.
+    """
+    terms = terms_of(problem.sums, problem.sums.records.model)
+    told = {candidate.place for candidate in rest}
+    gains = [c for c in offered(terms, (TorqueConstant.name,)) if c.place not in told]
+    rest = [*rest, *(replace(c, spread=np.full_like(c.spread, TUNING.gains)) for c in gains)]
+    without, both = (replace(problem, sums=problem.sums.with_further(some)) for some in (rest, [*rest, load]))
+    noise = with_noise(both, solve(both, None, carried(problem, start, both)))
+    likely, spread = evidence(both, noise)
+    return likely - evidence(without, noise)[0], spread
 
 
 def evidence(problem: RobotProblem, noise: RobotProblem) -> tuple[float, float]:

@@ -29,6 +29,10 @@ class Tuning:
     longest: float = 0.6
     """Share of the logs that a push may last: what goes on for most of them is no event."""
 
+    shortest: float = 0.4
+    """That a push lasts [s]: what a fit leaves hangs together about as long wherever motion is hard, and what is over
+    sooner has little more in it than a wrench has coefficients."""
+
     fine: int = 24
     """Samples at most, either side of such a bound, among which the moment is then looked for."""
 
@@ -87,9 +91,16 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
         tried = [_Tried.of(problem, z, _spanned(terms, *one[1:])) for one in found]
         best = max(tried, key=lambda one: one.score)
         quiet = replace(problem, variance=best.variance, share=best.share)
+    if brief(best.candidate):
+        return []
     if best.score < TUNING.worth or beside_rough_friction(problem, z, best) < TUNING.worth:
         return []
     return [on_the_innermost(problem, z, terms, best.candidate)]
+
+
+def brief(push: Candidate) -> bool:
+    """Return whether what suits a push best is over too soon to be told from a burst of what any fit leaves."""
+    return push.onset is not None and push.end is not None and push.end[1] - push.onset[1] < TUNING.shortest
 
 
 def beside_rough_friction(problem: RobotProblem, z: Array, push: _Tried) -> float:

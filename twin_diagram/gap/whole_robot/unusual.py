@@ -63,6 +63,10 @@ class Tuning:
     """The same of what acts for a while, beyond the price of when: on all motion, as none that is left out tells of
     it."""
 
+    shifted: float = 30.0
+    """What an encoder's offset must bring beside everything usual [nats]: it does little but what links' centres and
+    tilts do. On a Panda such offsets bring up to 24, on one part of a log and not on another."""
+
     rather: float = 0.5
     """Share of what an event brings that something which is always there must bring to go before it."""
 
@@ -84,6 +88,9 @@ class Tuning:
 
     sure: float = 0.3
     """No name where the standard error is more than this share of the value: of so many names some always suits."""
+
+    third: float = 1.0 / 3.0
+    """The same of a payload: whether it is there is decided by evidence."""
 
     edge: float = 0.05
     """Share beyond the least that a name can say, up to which it says nothing: logs themselves may lag by a sample."""
@@ -187,9 +194,16 @@ def weighed(problem: RobotProblem, z: Array, left_out: LeftOut, candidate: Candi
     )
     if gain <= 0.0 or not believable(tried):
         return None
-    if candidate.onset is not None and rise_beside_the_usual(problem, z, candidate) < due:
+    if stands_by(candidate) and rise_beside_the_usual(problem, z, candidate) < stands_by(candidate):
         return None
     return Weighed(candidate, tried, gain, loud)
+
+
+def stands_by(candidate: Candidate) -> float:
+    """Return what a candidate must bring beside everything usual [nats]; 0 where left-out motion alone judges it."""
+    if candidate.onset is not None:
+        return price(candidate) + TUNING.event
+    return TUNING.shifted if candidate.name == EncoderOffset.name else 0.0
 
 
 def likeliest(there: Sequence[Weighed]) -> Weighed | None:
@@ -358,7 +372,7 @@ def believable(problem: RobotProblem, at: int = -1) -> bool:
         return False
     if candidate.name == Payload.name:
         own, mass = estimates.own_doubt(problem), abs(z[s][0])
-        return bool(mass > TUNING.beyond_own * own and np.hypot(np.sqrt(covariance[0, 0]), own) < TUNING.sure * mass)
+        return bool(mass > TUNING.beyond_own * own and np.hypot(np.sqrt(covariance[0, 0]), own) < TUNING.third * mass)
     # A straight spring's level alone would be an offset.
     told = slice(0, 1) if candidate.name == JointSpring.name and not candidate.variant else slice(None)
     size, spread = z[s][told], covariance[told, told]
