@@ -28,3 +28,19 @@ def test_a_grey_box_has_four_hypotheses_of_which_one_is_right_and_keeps_them() -
         off = [np.arccos(np.clip(0.5 * np.trace(way.R.T @ thing.R) - 0.5, -1.0, 1.0)) for way in box.hypotheses]
         assert len(off) >= 4 and min(off) < 0.03 and np.linalg.norm(box.p - thing.p) < 0.003
         assert sum(way.probability for way in box.hypotheses) == pytest.approx(1.0)
+
+
+def test_colours_that_are_seen_later_tell_which_way_round_it_stands() -> None:
+    asset = Asset.load(models_dir() / "objects" / "sugar_box")
+    thing = Thing(asset, 7, yawed(2.6), np.array([0.5, 0.0, asset.size[2] / 2]))
+    tracker = ObjectTracker({"sugar_box": asset}, ROOM)
+    by_shape = []
+    for k in range(6):
+        rgb, depth, _ = picture(camera(), [thing], np.random.default_rng(1920 + k))
+        shown = np.full_like(rgb, 128) if k < 2 else rgb
+        found = tracker.observe(segment(shown, depth, k / 15.0, Grid.of(camera(), 2), ROOM))
+        (box,) = [one for one in found if one.asset is not None]
+        by_shape.append(box.by_shape)
+    assert by_shape[0] and not by_shape[-1]
+    turn = np.arccos(np.clip(0.5 * np.trace(box.R.T @ thing.R) - 0.5, -1.0, 1.0))
+    assert turn < 0.03 and box.probability > 0.7 and np.linalg.norm(box.p - thing.p) < 0.003

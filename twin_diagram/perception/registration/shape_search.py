@@ -6,19 +6,22 @@ speaks for, if no other is nearly as likely: a grey can may be either of two.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.registration.global_search import search
+from twin_diagram.perception.registration.naming_evidence import TUNING as NAMING
 from twin_diagram.perception.registration.naming_evidence import colours_speak, naming
 from twin_diagram.perception.registration.outline import height_above
-from twin_diagram.perception.registration.registration import RegisteredPose, register
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed, register
 from twin_diagram.perception.registration.settling import settle
+from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.turned_alike import unweighed
 from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.signals.arrays import Array
 
 Mask = npt.NDArray[np.bool_]
@@ -96,6 +99,35 @@ def _with_colours(known: Known, view: View, own: npt.NDArray[np.int64], one: Reg
     if model.coloured and colours_speak(known, result) > 0.0:
         return replace(result, named=naming(known, view, result), by_shape=False)
     return replace(one, by_shape=True)
+
+
+def coloured_after_all(
+    library: Sequence[Known], slots: Sequence[Slot], tracked: Mapping[int, RegisteredPose], view: View
+) -> dict[int, RegisteredPose]:
+    """Return poses of an object that was told by shape, and for which colours speak by now, by number; mostly none.
+
+    What a hand hid comes into the open, and how far colours lie beside depth is learnt: until then they may be silent
+    about what is painted as its asset is, and which way round it lies is a guess.
+
+    Args:
+        library: the known objects, with their colours.
+        slots: one per object.
+        tracked: what was followed in this image, by number.
+        view: the image.
+    """
+    time, period = view.segments.time, view.params.search_period
+    for k, one in tracked.items():
+        slot = slots[k]
+        again = slot.by_shape and int(time / period) != int(slot.seen / period)
+        if not again or one.visible_share < NAMING.shown or not library[k].model.coloured:
+            continue
+        own = claimed(library[k].model, view.segments, one.R, one.p, EXPECTED.owned)
+        if len(own) < TUNING.fewest:
+            continue
+        found = _with_colours(library[k], view, own, one)
+        if not found.by_shape:
+            return {k: found}
+    return {}
 
 
 def _standing(view: View, free: Mask) -> list[tuple[npt.NDArray[np.int64], float]]:

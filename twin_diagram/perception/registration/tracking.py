@@ -17,7 +17,7 @@ from twin_diagram.perception.registration.naming_evidence import TUNING as NAMIN
 from twin_diagram.perception.registration.naming_evidence import colours_speak, is_another, naming
 from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
-from twin_diagram.perception.registration.shape_search import search_by_shape
+from twin_diagram.perception.registration.shape_search import coloured_after_all, search_by_shape
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, carried, measurement, postponed, seen
 from twin_diagram.perception.registration.view import Known, View
@@ -110,6 +110,10 @@ def step(
         whose = _challenge(k, library, slots, tracked, recognised, view)
         if whose is not None:
             searched = [*(j for j in searched if j != whose), whose]
+    for k, one in coloured_after_all(every, slots, tracked, view).items():
+        recognised[k] = one
+        searched.append(k)
+        del tracked[k]
 
     after = _remembered(library, slots, searched, recognised, tracked, challenged, view)
     results = tracked | recognised
