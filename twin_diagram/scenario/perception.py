@@ -47,6 +47,9 @@ class Registration:
     """Share of an object's visible points that must fit for its pose to be believed [0 to 1]."""
     search_period: float = 0.2
     """An object not found is searched for again after this long [s]."""
+    told_by_shape: bool = False
+    """Whether what is painted otherwise than its asset, or grey, is told by its shape. It goes by the likeliest of the
+    turns that shape leaves alike, which may be a wrong one, also of what is painted as told and badly lit."""
 
 
 @document

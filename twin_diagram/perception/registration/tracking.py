@@ -233,18 +233,19 @@ def search_for(
         for k, one in found.items()
         if _convincing(library[k], slots[k], view, one.registration)
     }
-    believed = {k: one for k, one in convincing.items() if carried(slots[k], time) or _told(library[k], one)}
+    ask = view.params.told_by_shape
+    believed = {k: one for k, one in convincing.items() if carried(slots[k], time) or _told(library[k], one, ask)}
     open_ = [k for k in wanted if k not in believed and not in_the_air(slots[k], time)]
-    if open_:
+    if open_ and ask:
         left = free & unexplained_by(library, believed, view.segments)
         attempt = min(slots[k].attempts for k in open_)
         believed |= search_by_shape(library, open_, view, left, attempt)
     return {k: one if one.by_shape else unmistaken(library[k], view, one) for k, one in believed.items()}
 
 
-def _told(known: Known, one: RegisteredPose) -> bool:
-    """Return whether a find is believed: of what colours do not speak for shape is asked, compared with all others."""
-    if known.model.coloured and colours_speak(known, one) <= 0.0 and one.named is not None and one.named.looks:
+def _told(known: Known, one: RegisteredPose, ask: bool) -> bool:
+    """Return whether a find is believed; `ask`: of what colours do not speak for shape is asked, beside all others."""
+    if ask and known.model.coloured and colours_speak(known, one) <= 0.0 and one.named is not None and one.named.looks:
         return False
     return not is_another(one.named)
 

@@ -115,7 +115,7 @@ class ObjectTracker:
 
     def __init__(self, library: Mapping[str, Asset], perception: scenario.Perception, grows: bool = False) -> None:
         self.names = tuple(library)
-        self._params = scenario.Registration()
+        self._params = scenario.Registration(told_by_shape=True)
         models = [ModelCloud.of(asset, self._params.model_points) for asset in library.values()]
         self._slots = [Slot() for _ in models]
         scene = scenario.SceneUpdater()
