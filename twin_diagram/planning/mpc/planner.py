@@ -146,7 +146,9 @@ class MotionPlanner:
 
     def _made(self, hand: bytes) -> MotionPlanner:
         guide = self.guide.holding(hand)
-        return MotionPlanner(guide.scene, self._velocity_limit, self.params, self._solver, (), hand, self.limits)
+        made = MotionPlanner(guide.scene, self._velocity_limit, self.params, self._solver, (), hand, self.limits)
+        made.guide, made.router = guide, guide.router
+        return made
 
     def holding(self, hand: bytes) -> MotionPlanner:
         """Return the planner of the same arm with something in its hand, a packed `Hand`."""
