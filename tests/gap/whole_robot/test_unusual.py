@@ -14,6 +14,7 @@ from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
+from twin_diagram.gap.whole_robot.evident import evident
 from twin_diagram.gap.whole_robot.explain import begun, concluded, settled, settled_beside
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut
@@ -77,6 +78,17 @@ def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> 
     plain = problem()
     assert not unusual(plain, solve(plain), ARM).sums.further
     assert loaded(plain, solve(plain)) is None
+
+
+def test_a_tilt_is_evident_beside_everything_usual_and_gains_that_are_off_are_none() -> None:
+    """What the arm's motors may do counts against it, and what is told once stays."""
+    start = problem(TILT, GAINS)
+    found, z = evident(start, solve(start))
+    assert [c.name for c in found.sums.further] == ["gravity_tilt"]
+    np.testing.assert_allclose(z[found.place(0)], [0.05, -0.03], atol=0.006)
+    assert rise_beside_the_usual(found, z, found.sums.further[0]) > 100.0
+    calm = problem(GAINS)
+    assert not evident(calm, solve(calm))[0].sums.further
 
 
 @pytest.mark.parametrize(("name", "variant"), [("gravity_tilt", ""), ("joint_spring", "curve"), ("encoder_offset", "")])

@@ -18,6 +18,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
 from twin_diagram.gap.whole_robot.concluding import WholeRobot, concluded, last_of, own_terms, well_known
 from twin_diagram.gap.whole_robot.dry_shapes import shaped
+from twin_diagram.gap.whole_robot.evident import evident
 from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import (
     LeftOut,
@@ -76,7 +77,7 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     whole = begun(records, equations(records))
     if known:
         whole = replace(whole, spread=max(PHYSICAL_FIT.known), spreads=PHYSICAL_FIT.known)
-    whole, start = shaped(*settled(whole))
+    whole, start = evident(*shaped(*settled(whole)))
     plain = best_of(whole, start, known)
     load = loaded(whole, start)
     carried = None if load is None else best_of(*settled(load), known)
