@@ -101,6 +101,19 @@ def test_what_a_candidate_brings_is_known_before_it_is_fitted(name: str, variant
     assert ReadyFits.of(left_out).gain(candidate) == pytest.approx(fitted, rel=0.02, abs=0.3)
 
 
+def test_what_was_found_of_links_before_counts_as_if_both_logs_were_fitted_at_once() -> None:
+    every = replace(problem(), links_free=np.ones(6, dtype=bool), spread=0.1)
+    some, links = np.flatnonzero(every.free), slice(0, 60)
+    half = len(every.sums.sums) // 2
+    before, after = np.sum(every.sums.sums[:half], axis=0), np.sum(every.sums.sums[half:], axis=0)
+    found, both = solve(every, before), solve(every)[links]
+    told = np.linalg.inv(every.system(found, before)[0][np.ix_(some, some)])[links, links]
+    later = replace(every, links=replace(every.links, mean=found[links].reshape(6, 10)), told=told, spread=1e-6)
+    error = np.sqrt(np.diag(told))
+    with_both, alone = (np.linalg.norm((solve(one, after)[links] - both) / error) for one in (later, every))
+    assert with_both < 0.5 * alone
+
+
 def test_what_stands_for_the_same_makes_room() -> None:
     start = problem(PAYLOAD)
     terms = terms_of(start.sums, ARM)

@@ -76,8 +76,8 @@ def everything_usual(problem: RobotProblem, z: Array, but: Candidate) -> RobotPr
     further = [c for c in problem.sums.further if c.place != but.place]
     terms = _terms(problem)
     told = {c.place for c in further} | {but.place}
-    assert RECORDS[TorqueConstant.name].on_joints is not None
-    gains = [c for each in RECORDS[TorqueConstant.name].on_joints(terms) for c in each]
+    on_joints = RECORDS[TorqueConstant.name].on_joints
+    gains = [] if on_joints is None else [c for each in on_joints(terms) for c in each]
     more = [payload(terms), *(replace(c, spread=np.full_like(c.spread, TUNING.gains)) for c in gains)]
     further += [c for c in more if c.place not in told]
     return replace(every, sums=problem.sums.with_further([*further, *rough_friction(every, z, range(problem.n))]))
