@@ -15,7 +15,7 @@ from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
 from twin_diagram.gap.whole_robot.evident import evident
-from twin_diagram.gap.whole_robot.explain import begun, concluded, settled, settled_beside
+from twin_diagram.gap.whole_robot.explain import begun, concluded, rather, settled, settled_beside
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.loads import evidence, loaded, rise_with
@@ -89,6 +89,16 @@ def test_a_tilt_is_evident_beside_everything_usual_and_gains_that_are_off_are_no
     assert rise_beside_the_usual(found, z, found.sums.further[0]) > 100.0
     calm = problem(GAINS)
     assert not evident(calm, solve(calm))[0].sums.further
+
+
+def test_another_way_to_explain_an_arm_must_hold_what_is_evident_and_be_better() -> None:
+    start = problem(TILT, GAINS)
+    tilted, _ = evident(start, solve(start))
+    with_tilt, without = concluded(tilted), concluded(start)
+    assert with_tilt is not None and without is not None
+    assert rather(with_tilt, without, tilted) is with_tilt
+    assert rather(without, with_tilt, tilted) is with_tilt
+    assert rather(without, None, tilted) is without
 
 
 @pytest.mark.parametrize(("name", "variant"), [("gravity_tilt", ""), ("joint_spring", "curve"), ("encoder_offset", "")])
