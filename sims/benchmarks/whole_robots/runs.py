@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from gap_truth import cases
 from gap_truth.chain import write_urdf
-from gap_truth.world import CONTROL_PERIOD, DivergedError, Nominal, simulate
+from gap_truth.world import CONTROL_PERIOD, Controller, DivergedError, Nominal, simulate
 from gap_truth.world import Truth as Run
 
 from whole_robots import arms
@@ -25,14 +25,16 @@ class Robot:
         truth: what is true of it.
         fit, holdout: what happened.
         period: of the logs [s].
-        noise: standard deviation of the torque's white noise (n,) [N·m].
+        noise: of the torque.
+        control: that moved it, with the encoders' resolution.
     """
 
     truth: arms.Truth
     fit: Run
     holdout: Run
     period: float
-    noise: Array
+    noise: cases.Noise
+    control: Controller
 
 
 def make(seed: int, quick: bool, folder: Path) -> Robot:
@@ -76,7 +78,7 @@ def _make(seed: int, quick: bool, folder: Path, rng: np.random.Generator) -> Rob
     write_urdf(truth.described, folder / "model.urdf")
     for name, run in (("fit", runs[0]), ("holdout", runs[1])):
         _write(truth, run, noise, period, folder / f"{name}.csv", rng)
-    return Robot(truth, runs[0], runs[1], period, np.hypot(noise.white, noise.coloured))
+    return Robot(truth, runs[0], runs[1], period, noise, control)
 
 
 def _write(

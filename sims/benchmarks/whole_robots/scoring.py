@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gap_truth.chain import Chain, Link
-from gap_truth.phenomena import spring_torque, tilted_gravity
 from gap_truth.world import Nominal
 from real_references import least_squares
 from real_references.regression import equations
 
-from twin_diagram.logs import read_log
-from twin_diagram.logs.differentiation import below_cutoff, motion
-from twin_diagram.model.effects import make
 from twin_diagram.model.model import Model
-from twin_diagram.model.prediction import load_model_for
-from twin_diagram.scenario import EffectSpec
-from whole_robots.arms import other_link
 from whole_robots.runs import Robot
+from whole_robots.separation import separation, with_payload
 
 Array = npt.NDArray[np.float64]
 
@@ -47,9 +39,6 @@ SLIDING = 0.02
 LEVELS = {"torque": 1.0, "torque_positive": 0.5, "torque_negative": 0.5, "coulomb": 1.0}
 """Parameters of dry friction, and their share of the mean of both directions."""
 
-DRAWN = 400
-"""Links, for how much they may be off."""
-
 
 def score(robot: Robot, folder: Path, out: Path) -> dict[str, Any]:
     """All figures of one arm."""
@@ -67,6 +56,7 @@ def score(robot: Robot, folder: Path, out: Path) -> dict[str, Any]:
         "false": [e["name"] for e in said["effects"] if e["name"] not in USUAL and e["name"] not in true],
         "found": all(any(e["name"] == name and right(e, robot) for e in said["effects"]) for name in true),
         "separation": separation(robot, folder) if true else None,
+        "separation_white": separation(robot, folder, plain=True) if true else None,
         "held_out": held_out(folder, said),
     }
     if not robot.truth.as_described:
@@ -140,16 +130,6 @@ def rotors(robot: Robot, corrected: Model) -> list[list[float]]:
     return [[float(x) for x in pair] for pair in zip(true, said, strict=True)]
 
 
-def with_payload(robot: Robot) -> Chain:
-    """The real arm, with the payload that it carries."""
-    chain = robot.truth.real
-    for thing in robot.truth.unusual:
-        if thing.name == "payload":
-            last = chain.links[-1].with_lump(thing.values["mass"][0], np.array(thing.values["com"]))
-            chain = replace(chain, links=(*chain.links[:-1], last))
-    return chain
-
-
 def payload(robot: Robot, said: dict[str, Any]) -> list[float]:
     """Mass that is true, said, and its standard error [kg]: 0 where none is said; empty where there is none."""
     true = [thing.values["mass"][0] for thing in robot.truth.unusual if thing.name == "payload"]
@@ -165,70 +145,3 @@ def held_out(folder: Path, said: dict[str, Any]) -> dict[str, float]:
     rms = said["gap"]["torque_rms"]["holdout"]
     before, after = (np.array(list(rms[when].values())) for when in ("before", "after"))
     return {"over_told": float(np.mean(after / told)), "over_description": float(np.mean(after / before))}
-
-
-def separation(robot: Robot, folder: Path) -> float:
-    """Distance in units of the log's noise from what is unusual to the nearest combination of what is usual.
-
-    Links are off by what this arm's are off by, or a last link that may be anything would be any payload.
-    """
-    eqs = equations(folder / "model.urdf", folder / "fit.csv", "motor")
-    _, log, _ = load_model_for(read_log(folder / "fit.csv"), folder / "model.urdf")
-    regular = motion(replace(log, velocity=None), cutoff=10.0).log
-    more = unusual_torque(robot, folder)
-    seen = np.stack([np.interp(regular.time, robot.fit.time, x) for x in more.T], axis=1)
-    scale = robot.noise[:, None]
-    every = max(1, int(0.01 / robot.period))
-    X = np.concatenate(list((eqs.columns / scale[:, :, None])[:, ::every]))
-    y = (below_cutoff(seen, regular).T / scale)[:, ::every].ravel()
-    links = 10 * eqs.n
-    wide = np.concatenate([np.zeros(links), np.full(4 * eqs.n, 1e-9)])
-    prior = np.diag(wide)
-    for k, link in enumerate(robot.truth.described.links):
-        prior[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = np.linalg.inv(spread_of(link, robot.truth.setting["links"]))
-    left = y - X @ np.linalg.solve(X.T @ X + prior, X.T @ y)
-    return float(np.sqrt(max(y @ left, 0.0) * every))
-
-
-def spread_of(link: Link, size: float | str) -> Array:
-    """(10, 10) covariance of a link's inertial parameters, drawn as arms' are."""
-    rng = np.random.default_rng(0)
-    drawn = np.stack([parameters(other_link(link, float(size), rng)) for _ in range(DRAWN)])
-    off = drawn - parameters(link)
-    return np.asarray(off.T @ off / DRAWN) + 1e-9 * np.eye(10)
-
-
-def parameters(link: Link) -> Array:
-    """(10,) mass, mass times centre, and moments about the link's origin."""
-    about = link.inertia + link.mass * (link.com @ link.com * np.eye(3) - np.outer(link.com, link.com))
-    moments = [about[0, 0], about[1, 1], about[2, 2], about[0, 1], about[0, 2], about[1, 2]]
-    return np.array([link.mass, *(link.mass * link.com), *moments])
-
-
-def unusual_torque(robot: Robot, folder: Path) -> Array:
-    """Torque (N, n) that what is unusual takes along the fitted run [N·m]."""
-    run, truth = robot.fit, robot.truth
-    (thing,) = truth.unusual
-    q, v, a = run.q, run.v, run.a
-    plain = Nominal(truth.real)
-    if thing.name == "external_force":
-        link = truth.described.link_names[thing.link or 0]
-        spec = EffectSpec(thing.name, [], [link], {"wrench": list(thing.values["wrench"])})
-        described = Model.load(folder / "model.urdf")
-        pushed = described.with_effects([make(spec)]).inverse_dynamics(q, v, a) - described.inverse_dynamics(q, v, a)
-        return np.asarray(pushed * np.array([[thing.acts(t)] for t in run.time]))
-    if thing.name == "payload":
-        return Nominal(with_payload(robot)).inverse(q, v, a) - plain.inverse(q, v, a)
-    if thing.name == "gravity_tilt":
-        gravity = tilted_gravity(thing.values["roll"][0], thing.values["pitch"][0])
-        return Nominal(truth.real, gravity).inverse(q, v, a) - plain.inverse(q, v, a)
-    if thing.name == "encoder_offset":
-        off = np.zeros(q.shape[1])
-        off[list(thing.joints)] = thing.values["offset"]
-        return plain.inverse(q, v, a) - plain.inverse(q - off, v, a)
-    if thing.name == "time_delay":
-        return np.asarray(thing.values["delay"][0] * np.gradient(run.torque, robot.period, axis=0))
-    more = np.zeros_like(q)
-    for k, j in enumerate(thing.joints):
-        more[:, j] = spring_torque(thing, k, q[:, j])
-    return more

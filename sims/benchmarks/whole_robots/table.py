@@ -17,6 +17,7 @@ def text(results: list[dict[str, Any]]) -> str:
     fine = [r for r in results if "error" not in r]
     real = [r for r in fine if not r["as_described"]]
     clear = [r for r in real if r["unusual"] and r["separation"] >= CLEAR]
+    in_white = [r for r in real if r["unusual"] and r.get("separation_white", 0.0) >= CLEAR]
     curves = [row for r in real for row in joints_of(r["friction"])]
     loads = [r["payload"] for r in real if r["payload"] and r["payload"][2] > 0.0]
     later = [r["loaded"] for r in fine if "loaded" in r]
@@ -29,6 +30,7 @@ def text(results: list[dict[str, Any]]) -> str:
             "inertia about the axis within 10 %, joints", [near(pair) for r in real for pair in r["rotors"]], ">= 95 %"
         ),
         share(f"unusual named, separation >= {CLEAR:g}", [r["found"] for r in clear], ">= 95 %"),
+        share("  of white noise and fewer usual things", [r["found"] for r in in_white], ""),
         share("unusual named that is not there, arms", [bool(r["false"]) for r in fine], "<= 2 %"),
         share("as described: none", [r["verdict"] == "none" for r in fine if r["as_described"]], ">= 98 %"),
         share("unknown, of those that lack something", [r["verdict"] == "unknown" for r in real], "0 %"),

@@ -14,7 +14,8 @@ from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
-from twin_diagram.gap.whole_robot.explain import begun, concluded, settled, settled_beside
+from twin_diagram.gap.whole_robot.evident import evident
+from twin_diagram.gap.whole_robot.explain import begun, concluded, rather, settled, settled_beside
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.loads import evidence, loaded, rise_with
@@ -79,6 +80,27 @@ def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> 
     assert loaded(plain, solve(plain)) is None
 
 
+def test_a_tilt_is_evident_beside_everything_usual_and_gains_that_are_off_are_none() -> None:
+    """What the arm's motors may do counts against it, and what is told once stays."""
+    start = problem(TILT, GAINS)
+    found, z = evident(start, solve(start))
+    assert [c.name for c in found.sums.further] == ["gravity_tilt"]
+    np.testing.assert_allclose(z[found.place(0)], [0.05, -0.03], atol=0.006)
+    assert rise_beside_the_usual(found, z, found.sums.further[0]) > 100.0
+    calm = problem(GAINS)
+    assert not evident(calm, solve(calm))[0].sums.further
+
+
+def test_another_way_to_explain_an_arm_must_hold_what_is_evident_and_be_better() -> None:
+    start = problem(TILT, GAINS)
+    tilted, _ = evident(start, solve(start))
+    with_tilt, without = concluded(tilted), concluded(start)
+    assert with_tilt is not None and without is not None
+    assert rather(with_tilt, without, tilted) is with_tilt
+    assert rather(without, with_tilt, tilted) is with_tilt
+    assert rather(without, None, tilted) is without
+
+
 @pytest.mark.parametrize(("name", "variant"), [("gravity_tilt", ""), ("joint_spring", "curve"), ("encoder_offset", "")])
 def test_what_a_candidate_brings_is_known_before_it_is_fitted(name: str, variant: str) -> None:
     start = problem(TILT)
@@ -87,6 +109,19 @@ def test_what_a_candidate_brings_is_known_before_it_is_fitted(name: str, variant
     tried = with_candidate(start, candidate, 5)
     fitted = LeftOut.of(tried, solve(tried)).score() - left_out.score()
     assert ReadyFits.of(left_out).gain(candidate) == pytest.approx(fitted, rel=0.02, abs=0.3)
+
+
+def test_what_was_found_of_links_before_counts_as_if_both_logs_were_fitted_at_once() -> None:
+    every = replace(problem(), links_free=np.ones(6, dtype=bool), spread=0.1)
+    some, links = np.flatnonzero(every.free), slice(0, 60)
+    half = len(every.sums.sums) // 2
+    before, after = np.sum(every.sums.sums[:half], axis=0), np.sum(every.sums.sums[half:], axis=0)
+    found, both = solve(every, before), solve(every)[links]
+    told = np.linalg.inv(every.system(found, before)[0][np.ix_(some, some)])[links, links]
+    later = replace(every, links=replace(every.links, mean=found[links].reshape(6, 10)), told=told, spread=1e-6)
+    error = np.sqrt(np.diag(told))
+    with_both, alone = (np.linalg.norm((solve(one, after)[links] - both) / error) for one in (later, every))
+    assert with_both < 0.5 * alone
 
 
 def test_what_stands_for_the_same_makes_room() -> None:

@@ -14,10 +14,12 @@ from twin_diagram.scenario import ArmModel
 
 REMAINDER = {joint: 0.1 + 0.01 * k for k, joint in enumerate(ARM.joints)}
 
+LINKS = [[1e-5], [-0.25, 3.0]]
+
 
 def test_what_is_known_comes_back(tmp_path: Path) -> None:
-    ARM.save(tmp_path / "model", CorrectedStanding(established=False, remainder=REMAINDER))
-    assert standing_of(tmp_path / "model") == CorrectedStanding("motor", False, REMAINDER)
+    ARM.save(tmp_path / "model", CorrectedStanding("motor", False, REMAINDER, LINKS))
+    assert standing_of(tmp_path / "model") == CorrectedStanding("motor", False, REMAINDER, LINKS)
 
 
 def test_where_there_is_nothing_to_say_nothing_is_written(tmp_path: Path) -> None:
@@ -35,7 +37,7 @@ def test_the_torques_side_goes_along(tmp_path: Path) -> None:
     assert not Model.load(iiwa).arm.link_side
 
 
-@pytest.mark.parametrize("text", ["[]", "remainder: {a: many}", "remainder: [1]", "a: ["])
+@pytest.mark.parametrize("text", ["[]", "remainder: {a: many}", "remainder: [1]", "links: [[a]]", "links: [1]", "a: ["])
 def test_a_file_that_cannot_be_read_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / STANDING_FILE).write_text(text)
     with pytest.raises(ModelError, match=STANDING_FILE):

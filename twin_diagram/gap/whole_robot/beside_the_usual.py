@@ -1,4 +1,4 @@
-"""Whether an event is told beside everything usual: links that are off, joints' terms, a load, friction that is rough.
+"""Whether what is unusual is told beside everything usual: links, gains, joints' terms, a load, rough friction.
 
 While only some links and terms are free, what the others do passes for something that acts for a while; so does a
 payload, while it may not be there.
@@ -6,51 +6,91 @@ payload, while it may not be there.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.payload import payload
+from twin_diagram.gap.candidates.records import RECORDS
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
 from twin_diagram.gap.whole_robot.torque_equations import OWN
+from twin_diagram.model.effects.actuation import TimeDelay, TorqueConstant
+from twin_diagram.model.effects.environment import GravityTilt
 from twin_diagram.signals.arrays import Array
 
+EVIDENT = (GravityTilt.name, TimeDelay.name)
+"""Which evidence beside everything usual decides on, not left-out motion: see `evident`."""
 
-def rise_beside_the_usual(problem: RobotProblem, z: Array, event: Candidate) -> float:
-    """Return by how much an event makes the logs likelier where everything usual may be off as far as it may [nats].
 
-    Both fits are drawn to the description by the same priors, and judged by the noise that is left with the event.
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand; `sims/benchmarks/gap_whole_robots.py` shows what they do."""
+
+    gains: float = 0.03
+    """By which motors' torque constants may be off, one standard deviation."""
+
+    evident: float = 8.0
+    """What a tilt or a delay must bring beside everything usual [nats]. It brought 8.7 to 208 on 16 of 30 arms of
+    which each had one, up to 4.8 where the other was there, and up to 1.9 on 16 that had neither (seeds 60200 to 60277
+    of `sims/benchmarks/gap_whole_robots.py --quick`, the 30 each with such a thing)."""
+
+
+TUNING = Tuning()
+
+
+def rise_beside_the_usual(problem: RobotProblem, z: Array, candidate: Candidate) -> float:
+    """Return by how much a candidate makes the logs likelier where everything usual is off as far as it may [nats].
+
+    Both fits are drawn to the description by the same priors, and judged by the noise that is left with the candidate.
 
     Args:
-        problem: without the event.
+        problem: without the candidate, or with it.
         z: (Z,) its coordinates.
-        event: what is judged.
+        candidate: what is judged.
     """
-    every = all_usual(problem)
-    further = [c for c in problem.sums.further if c.place != event.place]
-    further += [load for load in [load_of(problem)] if load.name not in [c.name for c in further]]
-    further += rough_friction(every, z, range(problem.n))
-    without = replace(every, sums=problem.sums.with_further(further))
-    beside = replace(every, sums=problem.sums.with_further([*further, event]))
-    start = np.concatenate([z[: 14 * problem.n], np.zeros(sum(c.size for c in further))])
-    before = solve(without, None, start)
-    after = solve(beside, None, np.concatenate([before, np.zeros(event.size)]))
+    without = everything_usual(problem, z, candidate)
+    beside = replace(without, sums=problem.sums.with_further([*without.sums.further, candidate]))
+    before = solve(without, None, np.concatenate([z[: 14 * problem.n], np.zeros(_coefficients(without))]))
+    after = solve(beside, None, np.concatenate([before, np.zeros(candidate.size)]))
     noise = with_noise(beside, after)
     share = np.maximum(noise.share, problem.share)
-    costs = [
-        replace(one, variance=noise.variance, share=share).cost(x, one.sums.whole)
-        for one, x in ((without, before), (beside, after))
-    ]
+    costs = []
+    for one, start in ((without, before), (beside, after)):
+        judged = replace(one, variance=noise.variance, share=share)
+        costs.append(judged.cost(solve(judged, None, start), one.sums.whole))
     return float(costs[0] - costs[1])
 
 
-def load_of(problem: RobotProblem) -> Candidate:
-    """Return what the robot may carry: a last link alone is drawn too near to its description to stand in for it."""
+def everything_usual(problem: RobotProblem, z: Array, but: Candidate) -> RobotProblem:
+    """Return the problem with all that any robot may lack, and what else is in it, but for one candidate.
+
+    Args:
+        problem: any.
+        z: (Z,) its coordinates.
+        but: which is not in it.
+    """
+    every = all_usual(problem)
+    further = [c for c in problem.sums.further if c.place != but.place]
+    terms = _terms(problem)
+    told = {c.place for c in further} | {but.place}
+    on_joints = RECORDS[TorqueConstant.name].on_joints
+    gains = [] if on_joints is None else [c for each in on_joints(terms) for c in each]
+    more = [payload(terms), *(replace(c, spread=np.full_like(c.spread, TUNING.gains)) for c in gains)]
+    further += [c for c in more if c.place not in told]
+    return replace(every, sums=problem.sums.with_further([*further, *rough_friction(every, z, range(problem.n))]))
+
+
+def _coefficients(problem: RobotProblem) -> int:
+    """Return how many coefficients further candidates have."""
+    return sum(candidate.size for candidate in problem.sums.further)
+
+
+def _terms(problem: RobotProblem) -> Terms:
     records = problem.sums.records
-    return payload(Terms(records, given_load(records), slow_speed(records)))
+    return Terms(records, given_load(records), slow_speed(records))
 
 
 def all_usual(problem: RobotProblem) -> RobotProblem:

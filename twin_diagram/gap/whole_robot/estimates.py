@@ -70,7 +70,7 @@ def covariance(problem: RobotProblem, z: Array) -> Array:
     own = np.zeros_like(H)
     own[np.ix_(moving, moving)] = np.linalg.inv(H[np.ix_(moving, moving)])
     pulls = np.stack([problem.pulls(z, stretch) for stretch in problem.sums.sums])
-    meat = pulls.T @ pulls + np.diag(problem.deviation**-2.0)
+    meat = pulls.T @ pulls + problem.precision
     sandwich = own @ meat @ own
     ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(own), 1e-300), 1.0))
     return own * np.outer(ratio, ratio)
@@ -221,7 +221,12 @@ def _further(
 
 
 def own_doubt(problem: RobotProblem) -> float:
-    """Return by how much the last link's described mass may be off, which no motion tells from a payload [kg]."""
+    """Return by how much the last link's described mass may be off, which no motion tells from a payload [kg].
+
+    Of an arm that was measured before, whatever its mass is: what changed since is the payload.
+    """
+    if problem.told is not None:
+        return 0.0
     heavy = problem.links.described[problem.links.heavy, 0]
     return TUNING.own_mass * float(heavy[-1])
 

@@ -18,6 +18,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
 from twin_diagram.gap.whole_robot.concluding import WholeRobot, concluded, last_of, own_terms, well_known
 from twin_diagram.gap.whole_robot.dry_shapes import shaped
+from twin_diagram.gap.whole_robot.evident import evident
 from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import (
     LeftOut,
@@ -62,7 +63,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
+def explain(records: Records, *, known: bool = False, told: Array | None = None) -> WholeRobot | None:
     """Fit all links and joints at once, and keep what left-out motion asks for; None where that is nothing.
 
     What is unusual is looked for beside what every arm lacks, once what does not matter is gone and once before that.
@@ -72,16 +73,40 @@ def explain(records: Records, *, known: bool = False) -> WholeRobot | None:
     Args:
         records: prepared with the given model.
         known: whether that was corrected before: links are then as they were, and all names are looked for first.
+        told: (10 n, 10 n) covariance that links' coordinates were then found with, if that is known.
     """
     whole = begun(records, equations(records))
     if known:
-        whole = replace(whole, spread=max(PHYSICAL_FIT.known), spreads=PHYSICAL_FIT.known)
-    whole, start = shaped(*settled(whole))
+        spreads = PHYSICAL_FIT.known if told is None else PHYSICAL_FIT.beyond
+        whole = replace(whole, spread=max(spreads), spreads=spreads, told=told)
+    bare, first = shaped(*settled(whole))
+    whole, start = evident(bare, first)
     plain = best_of(whole, start, known)
+    if whole.sums.further:
+        plain = rather(plain, best_of(bare, first, known), whole)
     load = loaded(whole, start)
     carried = None if load is None else best_of(*settled(load), known)
     found = better(plain, carried, whole)
     return None if found is None else well_known(found)
+
+
+def rather(plain: WholeRobot | None, other: WholeRobot | None, whole: RobotProblem) -> WholeRobot | None:
+    """Return the better of two explanations, of which the other one need hold what is evident.
+
+    Which links and joints' terms are chosen, and then what is unusual, depends on what comes first.
+
+    Args:
+        plain: that began with what is evident.
+        other: that began without.
+        whole: with what is evident, and everything usual free.
+    """
+    if plain is None or other is None:
+        return plain
+    there = {candidate.name for candidate in other.problem.sums.further}
+    if not {candidate.name for candidate in whole.sums.further} <= there:
+        return plain
+    judge = quieter(whole, [plain, other])
+    return max(plain, other, key=lambda one: worth(one, judge))
 
 
 def better(plain: WholeRobot | None, carried: WholeRobot | None, whole: RobotProblem) -> WholeRobot | None:

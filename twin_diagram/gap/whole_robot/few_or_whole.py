@@ -15,7 +15,8 @@ from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import taking_over
 from twin_diagram.gap.whole_robot.coarse_torque import in_coarse_steps
-from twin_diagram.gap.whole_robot.concluding import WholeRobot
+from twin_diagram.gap.whole_robot.concluding import WholeRobot, every_beside
+from twin_diagram.gap.whole_robot.estimates import covariance
 from twin_diagram.gap.whole_robot.explain import explain
 from twin_diagram.gap.whole_robot.placeholders import as_of_the_description, placeholders
 from twin_diagram.gap.whole_robot.well_told import well_told
@@ -25,6 +26,17 @@ from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    least: float = 1e-4
+    """Share of a scale by which links' coordinates are off whatever a fit says: no covariance is singular."""
+
+
+TUNING = Tuning()
 
 COARSE = (
     "most joints' torques are logged in steps as large as a good part of what they do, so only what makes left-out "
@@ -62,7 +74,7 @@ def explained(
     """Return what is found of the robot as a whole, or by the search for a few names; `notes` grow."""
     say("fitting the whole robot")
     try:
-        whole = whole_robot(records, logs, known=bool(standing.remainder))
+        whole = whole_robot(records, logs, known=bool(standing.remainder), told=links_told(standing, given))
     except np.linalg.LinAlgError:  # a log in which next to nothing moves
         whole = None
     recorded = np.array([standing.remainder.get(joint, 0.0) for joint in given.joints])
@@ -101,20 +113,46 @@ def explained(
     return Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
 
 
-def whole_robot(records: Records, logs: Sequence[Log], *, known: bool) -> WholeRobot | None:
+def links_told(standing: corrected_folder.CorrectedStanding, given: Model) -> Array | None:
+    """Return the covariance (10 n, 10 n) that links' coordinates were found with; None where that is not known.
+
+    Args:
+        standing: of the given model.
+        given: of n joints.
+    """
+    size = 10 * len(given.joints)
+    if not standing.remainder or [len(row) for row in standing.links] != list(range(1, size + 1)):
+        return None
+    lower = np.zeros((size, size))
+    lower[np.tril_indices(size)] = np.concatenate(standing.links)
+    return np.asarray(lower @ lower.T)
+
+
+def links_found(whole: WholeRobot) -> list[list[float]]:
+    """Return rows of the triangular factor of the covariance that links' coordinates were found with, any of them."""
+    every, links = every_beside(whole.problem), 10 * whole.problem.n
+    spread = covariance(every, whole.coordinates)[:links, :links]
+    weightless = np.repeat(~every.links.heavy, 10)
+    spread[np.ix_(weightless, weightless)] = 0.0
+    least = np.diag((TUNING.least * every.links.scale.ravel()) ** 2)
+    return [[float(f"{x:.4g}") for x in row[: k + 1]] for k, row in enumerate(np.linalg.cholesky(spread + least))]
+
+
+def whole_robot(records: Records, logs: Sequence[Log], *, known: bool, told: Array | None = None) -> WholeRobot | None:
     """Return what is found of the robot as a whole, beginning without friction that is stated and not there.
 
     Args:
         records: prepared with the given model.
         logs: they were prepared of.
         known: see `explain`.
+        told: see there.
     """
     too_much = None if known else placeholders(records, logs)
     if too_much is None:
-        return explain(records, known=known)
+        return explain(records, known=known, told=told)
     found = explain(too_much.records)
-    told = None if found is None else as_of_the_description(found, records, too_much.stated)
-    return told or explain(records)  # an arm that lacks nothing else has what is stated too much, all the same
+    stated = None if found is None else as_of_the_description(found, records, too_much.stated)
+    return stated or explain(records)  # an arm that lacks nothing else has what is stated too much, all the same
 
 
 def standing_after(
@@ -131,11 +169,14 @@ def standing_after(
     verdict, whole = explanation.verdict, explanation.whole
     if corrected is not explanation.corrected or verdict.verdict != "named":
         return before
+    links = before.links
     if whole is not None:
         left = np.maximum(left, np.maximum(whole.fitted, whole.left))
+        links = links_found(whole)
     elif not verdict.remainder:
         return before
-    return replace(before, established=True, remainder=dict(zip(corrected.joints, map(float, left), strict=True)))
+    remainder = dict(zip(corrected.joints, map(float, left), strict=True))
+    return replace(before, established=True, remainder=remainder, links=links)
 
 
 def _corrected(

@@ -63,7 +63,7 @@ def loaded(whole: RobotProblem, start: Array) -> RobotProblem | None:
     terms = terms_of(whole.sums, whole.sums.records.model)
     candidate = payload(terms)
     last = last_body(terms)
-    near = replace(whole, spread=TUNING.usual)
+    near = replace(whole, spread=TUNING.usual if whole.told is None else max(whole.spreads))
     for _ in range(TUNING.rounds):  # beside a last link as it is described, or that takes the centre over
         beside = with_candidate(near, candidate, last)
         z = solve(beside, None, carried(near, start, beside))
@@ -128,13 +128,17 @@ def evidence(problem: RobotProblem, noise: RobotProblem) -> tuple[float, float]:
     every = replace(problem, links_free=problem.links.heavy, own_free=noise.own_free, gone=np.zeros_like(noise.gone))
     every = replace(every, variance=noise.variance, share=noise.share)
     best, z = (-np.inf, TUNING.usual), None
-    for spread in problem.spreads if problem.spreads == PHYSICAL_FIT.known else TUNING.spreads:
+    known = problem.spreads in (PHYSICAL_FIT.known, PHYSICAL_FIT.beyond)
+    for spread in problem.spreads if known else TUNING.spreads:
         tried = replace(every, spread=spread)
         z = solve(tried, None, z)
         some = np.flatnonzero(tried.free)
         H, _ = tried.system(z, tried.sums.whole)
         scale = tried.deviation[some]
         _, size = np.linalg.slogdet(H[np.ix_(some, some)] * np.outer(scale, scale))
-        rare = 0.5 * (np.log(spread / TUNING.usual) / np.log(TUNING.factor)) ** 2
+        if tried.told is not None:  # a prior that hangs together is narrower than its diagonal
+            _, prior = np.linalg.slogdet(tried.precision[np.ix_(some, some)] * np.outer(scale, scale))
+            size -= prior
+        rare = 0.5 * (np.log(spread / TUNING.usual) / np.log(TUNING.factor)) ** 2 if tried.told is None else 0.0
         best = max(best, (-tried.cost(z, tried.sums.whole) - 0.5 * float(size) - float(rare), spread))
     return best

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,9 @@ class Tuning:
 
     known: tuple[float, ...] = (0.025, 0.05)
     """The same of an arm whose links were found before: what changed since is no link's."""
+
+    beyond: tuple[float, ...] = (0.005, 0.025)
+    """The same where it is known how well they were found: beyond that, for what friction's laws leave."""
 
     own: float = 10.0
     """Prior deviation of a joint's own terms: so many times the residual's size."""
@@ -61,6 +65,8 @@ class RobotProblem:
         own_free: (n, 4) which of joints' own terms may be there.
         spreads: that it may be.
         gone: (n, 4) which of those that the description states are taken to be none at all.
+        told: (10 n, 10 n) covariance that links' coordinates were found with before, which the spread comes on top of;
+            None: they were not, or it is not known.
         held: (Z,) coordinates at which what acts for a while is held; None: it is fitted like all else.
 
     Coordinates are Z = 14 n + E numbers: links' ten each, joints' own four each, the sums' further coefficients.
@@ -76,6 +82,7 @@ class RobotProblem:
     own_free: Chosen
     gone: Chosen
     spreads: tuple[float, ...] = TUNING.spreads
+    told: Array | None = None
     held: Array | None = None
 
     @property
@@ -114,11 +121,20 @@ class RobotProblem:
 
     @property
     def deviation(self) -> Array:
-        """(Z,) of the prior."""
+        """(Z,) of the prior: of links, what the spread alone allows."""
         size = np.maximum(self.sums.own_size, 1e-9)
         own = TUNING.own * self.sums.residual_rms[:, None] / size
         further = [c.spread for c in self.sums.further]
         return np.concatenate([self.spread * self.links.scale.ravel(), np.maximum(own, 1e-9).ravel(), *further])
+
+    @cached_property
+    def precision(self) -> Array:
+        """(Z, Z) of the prior: what was found of links before hangs together."""
+        deviation, links = self.deviation, 10 * self.n
+        result = np.diag(deviation**-2.0)
+        if self.told is not None:
+            result[:links, :links] = np.linalg.inv(self.told + np.diag(deviation[:links] ** 2))
+        return result
 
     @property
     def lower(self) -> Array:
@@ -155,7 +171,8 @@ class RobotProblem:
     def cost(self, z: Array, total: Array) -> float:
         """Return half the squares over their variance, the prior's counted, of sums (n, K + 1, K + 1)."""
         squares = float(np.sum(self.share / self.variance * self.squares(z, total)))
-        return 0.5 * (squares + float(np.sum(((z - self.mean) / self.deviation) ** 2)))
+        off = z - self.mean
+        return 0.5 * (squares + float(off @ self.precision @ off))
 
     def slope(self, z: Array) -> Array:
         """Return (10 n, 10 n) derivative of the links' parameters by their coordinates."""
@@ -192,8 +209,7 @@ class RobotProblem:
             H[s, s] = weighted[j, mine, mine]
             H[s, more] = weighted[j, mine, links + own :]
             H[more, s] = H[s, more].T
-        prior = self.deviation**-2.0
-        return H + np.diag(prior), self.pulls(z, total) + prior * (z - self.mean)
+        return H + self.precision, self.pulls(z, total) + self.precision @ (z - self.mean)
 
 
 def solve(problem: RobotProblem, total: Array | None = None, start: Array | None = None) -> Array:

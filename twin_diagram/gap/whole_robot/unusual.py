@@ -16,7 +16,8 @@ from twin_diagram.gap.candidates.records import RECORDS, record_of
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.residuals.regressors import Terms, slow_speed
 from twin_diagram.gap.whole_robot import estimates
-from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
+from twin_diagram.gap.whole_robot.beside_the_usual import EVIDENT, rise_beside_the_usual
+from twin_diagram.gap.whole_robot.beside_the_usual import TUNING as BESIDE
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
@@ -203,6 +204,8 @@ def stands_by(candidate: Candidate) -> float:
     """Return what a candidate must bring beside everything usual [nats]; 0 where left-out motion alone judges it."""
     if candidate.onset is not None:
         return price(candidate) + TUNING.event
+    if candidate.name in EVIDENT:
+        return BESIDE.evident
     return TUNING.shifted if candidate.name == EncoderOffset.name else 0.0
 
 
@@ -272,7 +275,10 @@ def still_needed(problem: RobotProblem, z: Array) -> RobotProblem:
             fewer = replace(problem, sums=problem.sums.with_further(rest))
             left = LeftOut.of(fewer, solve(fewer, None, carried(problem, z, fewer))).rms
             lost = float(np.sum(likelihood(whiter, now.rms) - likelihood(whiter, left)))
-            short.append((lost - price(candidate) - least(candidate), k))
+            margin = lost - price(candidate) - least(candidate)
+            if margin < 0.0 and candidate.name in EVIDENT:
+                margin = rise_beside_the_usual(problem, z, candidate) - stands_by(candidate)
+            short.append((margin, k))
         if not short or min(short)[0] >= 0.0:
             break
         weakest = min(short)[1]
@@ -373,6 +379,8 @@ def believable(problem: RobotProblem, at: int = -1) -> bool:
     if candidate.name == Payload.name:
         own, mass = estimates.own_doubt(problem), abs(z[s][0])
         return bool(mass > TUNING.beyond_own * own and np.hypot(np.sqrt(covariance[0, 0]), own) < TUNING.third * mass)
+    if candidate.name in EVIDENT:  # gains that have no name would be noise here, which evidence counts against it
+        return True
     # A straight spring's level alone would be an offset.
     told = slice(0, 1) if candidate.name == JointSpring.name and not candidate.variant else slice(None)
     size, spread = z[s][told], covariance[told, told]

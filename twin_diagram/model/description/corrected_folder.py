@@ -35,11 +35,14 @@ class CorrectedStanding:
         torque_side: of the gears, on which the torques were measured that it was corrected with.
         established: whether its effects have earned their names; else it is the best partial explanation.
         remainder: joint → root mean square of the torque that it leaves of motion like that of its logs [N·m].
+        links: rows of the triangular factor of the covariance that its links were found with, in the coordinates that
+            `gap` fits them by; empty where they were not fitted together.
     """
 
     torque_side: str = "motor"
     established: bool = True
     remainder: dict[str, float] = field(default_factory=dict)
+    links: list[list[float]] = field(default_factory=list)
 
 
 def write(spec: ArmModel, folder: str | Path, standing: CorrectedStanding | None = None) -> None:
@@ -49,7 +52,14 @@ def write(spec: ArmModel, folder: str | Path, standing: CorrectedStanding | None
         (aside / description.name).write_bytes(_anchor_files(description))
         yaml_dump_typed(replace(spec, model=description.name), filename=str(aside / EFFECTS_FILE))
         if standing is not None and standing != CorrectedStanding():
-            (aside / STANDING_FILE).write_text(yaml.safe_dump(asdict(standing), sort_keys=False), encoding="utf-8")
+            (aside / STANDING_FILE).write_text(_text(standing), encoding="utf-8")
+
+
+def _text(standing: CorrectedStanding) -> str:
+    said = asdict(standing)
+    rows = said.pop("links")
+    text = yaml.safe_dump(said, sort_keys=False)
+    return text + ("links:\n" + "".join(f"- {row}\n" for row in rows) if rows else "")
 
 
 def standing_of(model: str | Path) -> CorrectedStanding:
@@ -64,7 +74,9 @@ def standing_of(model: str | Path) -> CorrectedStanding:
     try:
         said = yaml.safe_load(path.read_text(encoding="utf-8"))
         remainder = {str(joint): float(value) for joint, value in said.get("remainder", {}).items()}
-        standing = CorrectedStanding(said.get("torque_side", "motor"), bool(said.get("established", True)), remainder)
+        links = [[float(x) for x in row] for row in said.get("links", [])]
+        side, established = said.get("torque_side", "motor"), bool(said.get("established", True))
+        standing = CorrectedStanding(side, established, remainder, links)
     except (yaml.YAMLError, AttributeError, ValueError, TypeError, OSError) as error:
         raise ModelError(f"{path}: {str(error).splitlines()[0]}") from error
     if standing.torque_side not in TORQUE_SIDES:
