@@ -70,15 +70,16 @@ class ProxQp(QpSolver):
 
     It stops by absolute residuals, and by itself does not look at complementarity: with a weakly curved objective it
     calls answers solved that are far off. So the objective is scaled to a curvature of at least `Tuning.curvature`,
-    and the duality gap has to close.
+    the duality gap has to close, and each bound that pulls has to be met: in the gap, pulls of either sign by bounds
+    that are not met cancel (with residuals of 1e-8 in 4 of 1000 drawn programs).
 
     Args:
         tolerance: of the residuals, in the units of the constraints and of the scaled gradient.
-        gap: of the scaled objective.
+        gap: of the scaled objective, and of each bound's share in it.
         iterations: at most.
     """
 
-    def __init__(self, tolerance: float = 1e-8, gap: float = 1e-7, iterations: int = 400) -> None:
+    def __init__(self, tolerance: float = 1e-10, gap: float = 1e-7, iterations: int = 400) -> None:
         self._proxqp = _repeatable_proxqp()
         self._tolerance, self._gap = tolerance, gap
         self._iterations = iterations
@@ -112,7 +113,23 @@ class ProxQp(QpSolver):
         info = solver.results.info
         x = np.array(solver.results.x, dtype=float)
         solved = info.status == self._proxqp.QPSolverOutput.PROXQP_SOLVED and bool(np.isfinite(x).all())
-        return QpSolution(x, solved, int(info.iter))
+        met = solved and _pulled_apart(program, x, np.array(solver.results.z)) <= self._gap
+        return QpSolution(x, met, int(info.iter))
+
+
+def _pulled_apart(program: QuadraticProgram, x: Array, z: Array) -> float:
+    """Return the largest product of a bound's pull and of how far from it the answer is.
+
+    Args:
+        program: with m rows, beside the bounds on x.
+        x: (n,) the answer.
+        z: (m + n,) pull of each bound, positive towards lower values.
+    """
+    at = np.concatenate([program.C @ x, x])
+    low, high = np.concatenate([program.low, program.lower]), np.concatenate([program.high, program.upper])
+    room = np.where(z > 0.0, high - at, at - low)
+    pulls = np.abs(z) > 0.0
+    return float(np.max(np.abs(z[pulls] * room[pulls]), initial=0.0))
 
 
 def _repeatable_proxqp() -> Any:
