@@ -75,7 +75,7 @@ class ProxQp(QpSolver):
 
     Args:
         tolerance: of the residuals, in the units of the constraints and of the scaled gradient.
-        gap: of the scaled objective, and of each bound's share in it.
+        gap: of the scaled objective, and of each bound's pull or distance, whichever is less.
         iterations: at most.
     """
 
@@ -118,7 +118,7 @@ class ProxQp(QpSolver):
 
 
 def _pulled_apart(program: QuadraticProgram, x: Array, z: Array) -> float:
-    """Return the largest product of a bound's pull and of how far from it the answer is.
+    """Return the lesser of a bound's pull and of how far from it the answer is, of the bound where that is most.
 
     Args:
         program: with m rows, beside the bounds on x.
@@ -128,8 +128,7 @@ def _pulled_apart(program: QuadraticProgram, x: Array, z: Array) -> float:
     at = np.concatenate([program.C @ x, x])
     low, high = np.concatenate([program.low, program.lower]), np.concatenate([program.high, program.upper])
     room = np.where(z > 0.0, high - at, at - low)
-    pulls = np.abs(z) > 0.0
-    return float(np.max(np.abs(z[pulls] * room[pulls]), initial=0.0))
+    return float(np.minimum(np.abs(z), np.abs(room)).max(initial=0.0))
 
 
 def _repeatable_proxqp() -> Any:
