@@ -124,6 +124,27 @@ def test_torques_that_say_nothing_leave_the_prior(box: Shape) -> None:
     np.testing.assert_allclose(np.std(found.bodies[:, 1:4], axis=0), np.std(drawn[:, 1:4], axis=0), rtol=0.1)
 
 
+def test_where_torques_do_not_tell_the_wall_it_is_not_half_of_one(box: Shape) -> None:
+    """Mass and centre alone: of what is even the moments are those of even mass, not those between it and a shell's."""
+    even = box.even(0.2)
+    matrix = np.diag([1e8, *3 * [1e10], *6 * [1e-3]])
+    found = posterior(matrix, matrix @ even, ShapePrior(box).hypotheses, 0.5)
+    expected = np.linalg.eigvalsh(about_centre(even)[2])
+    np.testing.assert_allclose(np.linalg.eigvalsh(about_centre(found.mean)[2]), expected, rtol=0.05)
+    # That it may be a shell after all is in what is told of the errors.
+    all_alike = np.linalg.eigvalsh(about_centre(found.bodies.mean(axis=0))[2])
+    assert (np.sqrt(np.diag(found.covariance)[[4, 5, 6]]) > 0.15 * expected.min()).all()
+    assert (all_alike > 1.05 * expected).all()
+
+
+def test_torques_tell_a_shell(box: Shape) -> None:
+    shell = only(box, 0.0, wall=1.0).hypotheses.parameters(np.array([[np.log(0.4), *np.zeros(9)]]))[0]
+    matrix = np.diag(1.0 / np.maximum(0.02 * np.abs(shell), 1e-6) ** 2)
+    found = posterior(matrix, matrix @ shell, ShapePrior(box).hypotheses, 0.5)
+    moments, expected = (np.linalg.eigvalsh(about_centre(p)[2]) for p in (found.mean, shell))
+    np.testing.assert_allclose(moments, expected, rtol=0.05)
+
+
 def test_what_is_no_prior_is_refused(box: Shape) -> None:
     with pytest.raises(WeighingError, match="spreads must be positive"):
         ShapePrior(box, spread=0.0)

@@ -117,7 +117,7 @@ class ShapePrior:
         most = np.where(ended, 0.5, f)[:, None] * room + 2.0 * self.centre_spread
         by_load = np.where(ended, -1.0, by_load)
         spread = np.where(ended, TUNING.rougher, 1.0) * self.spread
-        return Hypotheses(centre, base, offset, most, by_load, np.log(weight / weight.sum()), spread)
+        return Hypotheses(centre, base, offset, most, by_load, np.log(weight / weight.sum()), spread, wall)
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,7 @@ class Hypotheses:
         by_load: (H,) how much d dᵀ adds; below zero: one end is denser.
         log_weight: (H,) logarithms of probabilities.
         spread: (H,) of E's elements.
+        wall: (H,) share of the other mass in the surface.
     """
 
     centre: Array
@@ -141,6 +142,7 @@ class Hypotheses:
     by_load: Array
     log_weight: Array
     spread: Array
+    wall: Array
 
     def __len__(self) -> int:
         return len(self.log_weight)
