@@ -66,7 +66,7 @@ class ShapePrior:
         (0.66, 0.05), (0.77, 0.04), (0.88, 0.02),
     )  # fmt: skip
     load_sizes: tuple[tuple[float, float], ...] = ((0.1, 0.4), (0.4, 0.3), (0.75, 0.3))
-    walls: tuple[tuple[float, float], ...] = ((0.0, 0.7), (0.35, 0.15), (1.0, 0.15))
+    walls: tuple[tuple[float, float], ...] = ((0.0, 0.85), (0.35, 0.1), (1.0, 0.05))
     ends: tuple[float, float] = (0.15, 0.35)
     ignore: bool = False
 
