@@ -11,7 +11,9 @@ from twin_diagram.model.rigid_body.mass_properties import about_centre, inertia_
 
 
 def only(shape: Shape, load: float, size: float = 0.1, wall: float = 0.0) -> ShapePrior:
-    return ShapePrior(shape, loads=((load, 1.0),), load_sizes=((size, 1.0),), walls=((wall, 1.0),), ends=(0.0, 0.3))
+    return ShapePrior(
+        shape, loads=((load, 1.0),), load_sizes=((size, 1.0),), walls=((wall, 1.0),), plain=(0.0, 0.02), ends=(0.0, 0.3)
+    )
 
 
 def test_without_a_load_the_middle_is_even_mass(box: Shape) -> None:
@@ -101,7 +103,8 @@ def test_sharp_torques_decide_alone(box: Shape, off_centre: np.ndarray) -> None:
 def test_mass_and_centre_alone_find_a_load(box: Shape, off_centre: np.ndarray) -> None:
     """Torques that tell mass and centre but no inertia: what is off the centre says of the inertia what a load does."""
     matrix = np.diag([1e8, *3 * [1e9], *6 * [1e-3]])
-    prior = ShapePrior(box, ends=(0.0, 0.3))
+    prior = ShapePrior(box, plain=(0.0, 0.02), ends=(0.0, 0.3)
+    )
     found = posterior(matrix, matrix @ off_centre, prior.hypotheses, 0.5)
     np.testing.assert_allclose(found.mean[:4], off_centre[:4], atol=2e-4)
     even = prior.hypotheses.by_load == 0.0
