@@ -105,11 +105,15 @@ def test_walls_stand_about_the_inside_and_count_as_nearer() -> None:
     low, high = np.array([0.0, 0.0, 0.0]), np.array([0.3, 0.4, 0.1])
     for room in (0.0, 0.004):
         points = wall_points(low, high, room)
-        assert points[:, 2].max() <= 0.1
-        for axis in (0, 1):
-            assert points[:, axis].min() <= low[axis] + room and points[:, axis].max() >= high[axis] - room
-        on_a_face = np.isclose(points[:, :2], low[:2] + room) | np.isclose(points[:, :2], high[:2] - room)
+        rim = points[:, 2] > high[2] + room - 1e-9
+        rim &= ((points[:, :2] <= low[:2]) | (points[:, :2] >= high[:2])).any(axis=1)
+        face = points[~rim]
+        assert rim.any() and points[:, 2].max() == pytest.approx(high[2] + room)
+        on_a_face = np.isclose(face[:, :2], low[:2] + room) | np.isclose(face[:, :2], high[:2] - room)
         assert on_a_face.any(axis=1).all()
+        for axis in (0, 1):
+            assert face[:, axis].min() <= low[axis] + room and face[:, axis].max() >= high[axis] - room
+            assert points[rim, axis].min() == pytest.approx(low[axis] - 0.008)
 
 
 def test_fingers_keep_off_walls_and_neighbours_by_more_than_the_arm_sags() -> None:

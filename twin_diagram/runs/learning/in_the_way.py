@@ -19,7 +19,7 @@ class Tuning:
     of what lies beside no picture from above shows the sides. Where that leaves no grasp, it counts as where it is."""
 
     walls: float = 0.008
-    """Distance between points that stand for the bin's walls [m]."""
+    """Distance between points that stand for the bin's walls, and how thick these are at the least [m]."""
 
     beside: int = 500
     """Points of each thing beside that are kept."""
@@ -46,20 +46,21 @@ def in_the_way(low: Array, high: Array, others: Sequence[Array]) -> list[Array]:
 
 
 def wall_points(low: Array, high: Array, room: float = 0.0) -> Array:
-    """Return points (N, 3) on the inner faces of a bin's walls, moved inwards by some room [m].
+    """Return points (N, 3) on the inner faces of a bin's walls and on their rims, moved nearer by some room [m].
 
     Args:
         low: (3,) lowest corner of its inside [m].
         high: (3,) its highest.
-        room: by which the faces are moved inwards [m].
+        room: by which the faces are moved inwards, and the rims up [m].
     """
     z = np.arange(low[2], high[2] + 1e-9, TUNING.walls)
     found = []
     for axis in (0, 1):
         along = np.arange(low[1 - axis], high[1 - axis], TUNING.walls)
-        for at in (low[axis] + room, high[axis] - room):
-            a, b = np.meshgrid(along, z)
+        face = np.array([[-room, height] for height in z] + [[out, high[2] + room] for out in (0.0, TUNING.walls)])
+        k, a = (grid.ravel() for grid in np.meshgrid(np.arange(len(face)), along))
+        for inner, outwards in ((low[axis], -1.0), (high[axis], 1.0)):
             wall = np.zeros((a.size, 3))
-            wall[:, axis], wall[:, 1 - axis], wall[:, 2] = at, a.ravel(), b.ravel()
+            wall[:, axis], wall[:, 1 - axis], wall[:, 2] = inner + outwards * face[k, 0], a, face[k, 1]
             found.append(wall)
     return np.concatenate(found)
