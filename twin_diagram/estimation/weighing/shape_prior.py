@@ -106,13 +106,14 @@ class ShapePrior:
         rows = [(f, size, wall, p * (1.0 - likely)) for f, size, wall, p in rows]
         if likely > 0.0:
             rows += [(-1.0, 0.0, wall, likely * p_wall) for wall, p_wall in self.walls]
-        plain = [f == wall == 0.0 for f, _, wall, _ in rows]
-        rows = [(*row, self.spread * (TUNING.rougher if row[0] < 0.0 else 1.0)) for row in rows]
         one, of_one = self.plain
-        alike = [(f, size, wall, p * one, of_one) for (f, size, wall, p, _), yes in zip(rows, plain, strict=True) if yes]
-        rows = [(*row[:3], row[3] * (1.0 - one * yes), row[4]) for row, yes in zip(rows, plain, strict=True)] + alike
-        rows = [row for row in rows if row[3] > 0.0]
-        f, size, wall, weight, spread = (np.array(column) for column in zip(*rows, strict=True))
+        each = []
+        for row in rows:
+            share = one if row[0] == row[2] == 0.0 else 0.0
+            usual = self.spread * (TUNING.rougher if row[0] < 0.0 else 1.0)
+            each += [(*row[:3], row[3] * (1.0 - share), usual), (*row[:3], row[3] * share, of_one)]
+        columns = zip(*(row for row in each if row[3] > 0.0), strict=True)
+        f, size, wall, weight, spread = (np.array(column) for column in columns)
         ended = f < 0.0
         f = np.where(ended, 0.0, f)
         solid, thin = self.shape.second, self.shape.shell_second
