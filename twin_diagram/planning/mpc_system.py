@@ -90,7 +90,7 @@ class Mpc(ModelUser[Model]):
         torque_commanded: (n) [N·m] to add to the arm's own controller: the weight of the payload as learned, and what
             a corrected model needs beyond the given one to hold still.
         plan: (knots · n) the plan's knots from now on, row by row [rad].
-        plan_time: (1) when the plan was made [s], `NEVER` before the first.
+        plan_time: (1) when the plan was made, or last found better than any other [s]; `NEVER` before the first.
         reach: (1) how many joint positions are known that put the tool at the goal; `NEVER` where there is none.
 
     Rate: plans at `planner.rate`, a periodic update. It comes right after the scene-graph updater's tick that
@@ -323,7 +323,7 @@ class Mpc(ModelUser[Model]):
         output.SetFromVector(trajectory.knots.ravel())
 
     def _calc_plan_time(self, context: Context, output: BasicVector) -> None:
-        output[0] = float(self._vector(context)[0])
+        output[0] = Memory.proved_at(self._vector(context))
 
     def _calc_reach(self, context: Context, output: BasicVector) -> None:
         memory = self.memory(context)

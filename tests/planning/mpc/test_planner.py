@@ -279,6 +279,22 @@ def test_nowhere_to_go_means_coming_to_rest_in_half_a_second(spied: Spied, at_ho
     assert not memory.goal.any() and len(memory.goals) == 1
 
 
+def test_a_plan_that_is_kept_as_the_best_counts_as_made_now_and_one_kept_for_want_of_any_does_not(
+    spied: Spied, at_home: Memory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Five ticks in a row found nothing better, and the monitor braked for a planner that hangs.
+    memory = at_home
+    for now in (0.02, 0.04, 0.06):
+        memory, _ = spied.tick(memory, now)
+        assert memory.trajectory.start == at_home.trajectory.start
+        assert Memory.proved_at(memory.pack()) == now
+    monkeypatch.setattr(spied.planner.optimiser, "solve", lambda *given: Optimum(at_home.trajectory, 0.0, solved=False))
+    failed, _ = spied.tick(memory, 0.08)
+    assert Memory.proved_at(failed.pack()) == 0.06
+    held = spied.planner.hold(failed, 0.1, HOME)
+    assert Memory.proved_at(held.pack()) == 0.1
+
+
 def test_the_plan_starts_anew_where_the_arm_is_a_quarter_radian_off(spied: Spied, at_home: Memory) -> None:
     offset = np.array([0, 0.01, 0, 0, 0, 0, 0.0])
     for joint in (1, 3):

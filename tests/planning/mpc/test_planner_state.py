@@ -18,7 +18,7 @@ def test_a_full_memory_is_packed_and_unpacked(n: int, knots: int) -> None:
     draw = rng.standard_normal
     memory = Memory(
         Trajectory(1.5, 0.15, draw(n), draw(n), draw((knots, n))), draw(n), draw(7), draw(n), draw((8, n)),
-        Route(Aim.REFUGE, draw((12, n))), 41, 17, True, False,
+        Route(Aim.REFUGE, draw((12, n))), 41, 17, True, False, 2.25,
     )  # fmt: skip
     vector = memory.pack()
     assert len(vector) == Memory.size(n, knots) == len(Memory.initial(np.zeros(n), knots, 0.1).pack())
@@ -29,7 +29,9 @@ def test_a_full_memory_is_packed_and_unpacked(n: int, knots: int) -> None:
     np.testing.assert_array_equal(again.route.points, memory.route.points)
     np.testing.assert_array_equal(again.trajectory.accelerations, memory.trajectory.accelerations)
     assert (again.route.aim, again.tick, again.asked) == (Aim.REFUGE, 41, 17)
-    assert (again.heard, again.braked, again.pending) == (True, False, None)
+    assert (again.heard, again.braked, again.checked, again.pending) == (True, False, 2.25, None)
+    assert Memory.proved_at(vector) == 2.25
+    assert Memory.proved_at(replace(memory, checked=1.25).pack()) == memory.trajectory.start
     braked = Memory.unpack(replace(memory, heard=False, braked=True).pack(), n, knots, 0.15)
     assert (braked.heard, braked.braked) == (False, True)
     longer = replace(memory, route=Route(Aim.GOAL, draw((15, n))))

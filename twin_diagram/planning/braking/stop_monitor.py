@@ -77,7 +77,7 @@ class StopMonitor(LeafSystem):
         position_commanded: (n) the planner's [rad]; out: what the arm is to follow, to the bit the planner's while
             nothing is wrong.
         torque_commanded: (n) feed-forward [N·m]; out: the last that was a number, within the motors' limits.
-        plan_time: (1) when the newest plan was made [s]; not connected: a planner that hangs is not noticed.
+        plan_time: (1) when the newest plan was made or checked [s]; not connected: a planner that hangs is not noticed.
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
         measurement_time: (1) of the arm's newest message [s], `NEVER` before the first: until then commands pass.
         image_time: (1) of the newest image [s]; not connected: the scene does not grow stale.

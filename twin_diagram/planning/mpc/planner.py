@@ -221,7 +221,8 @@ class MotionPlanner:
         torque = self._torque(memory, now, arm)
         outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback, torque)
         plan = replace(outcome.trajectory, q0=outcome.trajectory.q0 + memory.offset)
-        memory = replace(memory, trajectory=plan, tick=memory.tick + 1)
+        checked = now if outcome.solved else memory.checked
+        memory = replace(memory, trajectory=plan, tick=memory.tick + 1, checked=checked)
         return memory, Report(route.aim, outcome.violation, outcome.solved, reanchored)
 
     def _torque(self, memory: Memory, now: float, arm: ArmTorque | None) -> TorqueBounds | None:

@@ -44,6 +44,7 @@ class Memory:
         asked: tick at which the last search was asked for.
         heard: a search has answered since the goal is the present one.
         braked: what searches has failed: the arm rests until it works again.
+        checked: when a tick last made a plan, or looked for a better one than the plan before and found none [s].
         pending: what was asked and not yet answered; no part of the vector.
     """
 
@@ -57,6 +58,7 @@ class Memory:
     asked: int
     heard: bool = False
     braked: bool = False
+    checked: float = NEVER
     pending: Question | None = None
 
     @property
@@ -67,7 +69,7 @@ class Memory:
     @staticmethod
     def size(n: int, knots: int) -> int:
         """Return the length of the packed vector."""
-        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + GUIDE.goals * n + 2 + TUNING.way_points * n + 4
+        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + GUIDE.goals * n + 2 + TUNING.way_points * n + 5
 
     @staticmethod
     def initial(q: Array, knots: int, step: float) -> Memory:
@@ -96,7 +98,7 @@ class Memory:
             [
                 [t.start], t.q0, t.v0, t.accelerations.ravel(), self.offset, self.goal, self.stay,
                 [len(self.goals)], goals.ravel(), [int(self.route.aim), count], points.ravel(),
-                [self.tick, self.asked, self.heard, self.braked],
+                [self.tick, self.asked, self.heard, self.braked, self.checked],
             ]
         )  # fmt: skip
 
@@ -107,6 +109,11 @@ class Memory:
         return Trajectory(
             float(part[0]), step, part[1 : 1 + n], part[1 + n : 1 + 2 * n], part[1 + 2 * n :].reshape(knots, n)
         )
+
+    @staticmethod
+    def proved_at(vector: Array) -> float:
+        """Return when the plan of a packed vector was made, or last found better than any other [s]."""
+        return max(float(vector[0]), float(vector[-1]))
 
     @staticmethod
     def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
@@ -124,4 +131,5 @@ class Memory:
             int(last[1]),
             bool(last[2]),
             bool(last[3]),
+            float(last[4]),
         )
