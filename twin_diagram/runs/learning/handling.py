@@ -147,11 +147,11 @@ def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Pi
         raise LearningError(
             f"the arm cannot go home to look into the bin: {why}; check twin.home and what stands about"
         ) from why
+    low, high = (np.array(corner) for corner in tools.learning.from_bin)
     picture = steady_picture(tools.cell, tools.learning.bin_camera)
-    things = things_within(picture, *(np.array(corner) for corner in tools.learning.from_bin))
+    things = things_within(picture, low, high)
     gone = np.array([place[:3] for place in given_up]).reshape(-1, 3)
-    kept = [t for t in things if not len(gone) or np.linalg.norm(gone - t.middle, axis=1).min() > TUNING.same_place]
-    return picture, kept
+    return picture, [t for t in things if (np.linalg.norm(gone - t.middle, axis=1) > TUNING.same_place).all()]
 
 
 def go_home(tools: Tools) -> None:
