@@ -29,6 +29,11 @@ HIDDEN = (0.3, 0.6)
 FRICTION = (0.4, 0.9)
 MASS = 1.0
 """Masses are drawn from the asset's own up to this, evenly in their logarithm [kg]."""
+ASIDE = (0.07, 0.13)
+"""How far to either side of the line of sight what hides it stands, at most [m]: at first, and where `TRIES` draws were
+in vain, for behind a broad box a low thing is hidden whole or not at all, unless that stands farther aside."""
+TRIES = 200
+"""Draws with each of `ASIDE`."""
 LIFTED = (0.42, 0.0, 0.36)
 """Where the tool takes it to be held for three seconds [m]."""
 
@@ -65,7 +70,8 @@ def drawn(kind: str, seed: int, profile: str = "ideal") -> Draw:
     hider = HIDES[int(rng.integers(len(HIDES)))]
     others = [n for n in ("can", "gelatin_box") if n != name]
     about = others[int(rng.integers(len(others)))]
-    for _ in range(400):
+    for attempt in range(len(ASIDE) * TRIES):
+        aside = ASIDE[attempt // TRIES]
         p = np.array([rng.uniform(0.40, 0.52), rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.28), 0.0])
         towards = camera.p_WC - p
         ahead = float(np.arctan2(towards[1], towards[0]))
@@ -73,7 +79,7 @@ def drawn(kind: str, seed: int, profile: str = "ideal") -> Draw:
         across = np.array([-u[1], u[0], 0.0])
         own, before = thing_of(name), thing_of(hider)
         gap = rng.uniform(0.04, 0.10)
-        q = p + u * (_half(own) + 0.5 * min(before.asset.size[:2]) + gap) + across * rng.uniform(-0.07, 0.07)
+        q = p + u * (_half(own) + 0.5 * min(before.asset.size[:2]) + gap) + across * rng.uniform(-aside, aside)
         # Its broad side to the camera, give or take.
         broad = ahead + (0.0 if before.asset.size[0] < before.asset.size[1] else np.pi / 2) + rng.uniform(-0.3, 0.3)
         r = np.array([rng.uniform(0.38, 0.70), -np.sign(p[1]) * rng.uniform(0.15, 0.35), 0.0])

@@ -23,7 +23,15 @@ from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.registration.search_aloft import afloat, centred
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.slots import seen as after_image
-from twin_diagram.perception.registration.tracking import carried, challenger, doubted, doubtful, due, orientations
+from twin_diagram.perception.registration.tracking import (
+    carried,
+    challenger,
+    doubted,
+    doubtful,
+    due,
+    orientations,
+    search_for,
+)
 from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
 from twin_diagram.perception.registration.turned_alike import after_image as odds_after
 from twin_diagram.perception.registration.turned_alike import probability, weighed
@@ -82,6 +90,25 @@ def test_a_pose_that_shows_next_to_nothing_is_no_rival(box: Known) -> None:
     thing = standing(box)
     poses = Poses(np.stack([thing.R, thing.R]), np.stack([thing.p, thing.p + [0.0, 0.3, 0.0]]))
     assert colour_costs(box.model, seen([thing]).frame, poses, 200)[1] == TUNING.never
+
+
+@pytest.mark.parametrize(("hidden", "ago", "found"), [(True, 0.07, False), (True, 0.6, True), (False, 0.07, True)])
+def test_what_is_hidden_where_it_was_a_moment_ago_is_not_found_elsewhere(
+    box: Known, hidden: bool, ago: float, found: bool
+) -> None:
+    before, other = standing(box, 0.45, -0.2), standing(box, 0.6, 0.2)
+    view = camera()
+    rgb, depth, _ = picture(view, [other])
+    if hidden:
+        (u,), (v,), _ = view.project(before.p[None])
+        depth[max(int(v) - 90, 0) : int(v) + 90, max(int(u) - 90, 0) : int(u) + 90] = 0.0
+    segments = segment(rgb, depth, 1.0, Grid.of(view, 2), AIR)
+    image = View(segments, Frame.of(segments), PARAMS, 60)
+    slot = Slot(True, before.R, before.p, np.zeros(6), 1.0 - ago)
+    free = np.ones(len(segments.labels), dtype=bool)
+    result = search_for([box], [slot], [0], image, free)
+    assert (0 in result) == found
+    assert not found or np.linalg.norm(result[0].p - other.p) < 0.01
 
 
 @pytest.mark.parametrize("turn", [np.diag([-1.0, -1.0, 1.0]), np.diag([1.0, -1.0, -1.0])])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -17,7 +19,13 @@ from twin_diagram.perception.registration.registration import register
 from twin_diagram.perception.registration.rotation import log
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.view import Known, View
-from twin_diagram.perception.registration.where_expected import likeliest, register_where_expected, turns
+from twin_diagram.perception.registration.where_expected import (
+    TUNING,
+    likeliest,
+    register_where_expected,
+    turned_back,
+    turns,
+)
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.scenario.resources import models_dir
 
@@ -64,6 +72,32 @@ def test_a_spin_that_has_ended_does_not_go_on(
     velocity = np.array([0.0, 0.0, spin, 0.0, 0.0, 0.0])
     found = register_where_expected(can, Slot(True, R, p, velocity, 0.93), view)
     assert found is not None and off(found.R, R) < 0.03
+
+
+@pytest.mark.parametrize("jump", [-0.6, 0.6])
+def test_a_turn_of_which_neither_shape_nor_colours_tell_is_taken_back_if_it_is_large(
+    can: Known, seen: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], View], jump: float
+) -> None:
+    R, p, view = seen
+    grey = can.bare
+    for turned, before, left in ((jump, 0.0, 0.0), (0.5 * jump, 0.0, 0.5 * jump), (jump, jump / 0.07, jump)):
+        slot = Slot(True, R, p, np.array([0.0, 0.0, before, 0.0, 0.0, 0.0]), 0.93)
+        one = register(grey.model, view.frame, yawed(YAW + turned), p, PARAMS)
+        back = turned_back(grey, slot, view, one)
+        assert off(back.R, yawed(YAW + left)) < 0.1, "it is expected where it was, or where its spin leads to"
+
+
+@pytest.mark.parametrize("jump", [-0.6, 0.6])
+def test_a_large_turn_that_colours_tell_is_kept_and_one_that_they_deny_is_taken_back(
+    can: Known, seen: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], View], jump: float
+) -> None:
+    R, p, view = seen
+    right = register(can.model, view.frame, R, p, PARAMS)
+    turned = yawed(YAW + jump)
+    assert turned_back(can, Slot(True, turned, p, np.zeros(6), 0.93), view, right) is right
+    wrong = replace(right, R=turned)
+    assert off(turned_back(can, Slot(True, R, p, np.zeros(6), 0.93), view, wrong).R, R) < 0.05
+    assert abs(jump) > TUNING.jumps * TUNING.moves[0]
 
 
 def test_turns_are_about_the_axis_that_the_shape_tells_least_of(

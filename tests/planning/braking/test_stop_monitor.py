@@ -383,6 +383,18 @@ def test_a_command_that_jumps_is_held_back_at_once_and_taken_up_slowly(
     np.testing.assert_allclose(commands[-1], HOME + 0.6 * SIDE, atol=1e-12)
 
 
+def test_a_jump_is_braked_from_the_speed_before_it(
+    model: Model, twin: scenario.Twin, library: dict[str, Asset]
+) -> None:
+    """Of an arm at rest what was let through is all the way: 20 mrad within a look are no speed of 1 rad/s."""
+    limit = twin.stop_monitor.jump  # type: ignore[union-attr]
+    for at in (0.502, 0.511, 0.519):
+        rig = Rig(model, twin, library, lambda t, at=at: HOME + SIDE * (0.6 if t > at else 0.0))  # type: ignore[misc]
+        commands = rig.run(0.7, step=0.0025)
+        assert rig.brakes()[0]["cause"] == "jump"
+        assert limit - 1e-9 <= np.abs(commands - HOME).max() <= limit + 1e-9
+
+
 def test_untold_it_brakes_a_quarter_harder_than_plans_do(model: Model, library: dict[str, Asset]) -> None:
     own = scenario.Twin(arm=ARM, home=HOME.tolist(), planner=scenario.Planner(acceleration=2.0))
     rig = Rig(model, own, library, steady, torque_commanded=lambda t: NAN if t > 0.5 else np.zeros(N))

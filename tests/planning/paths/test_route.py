@@ -122,6 +122,28 @@ def test_a_way_over_goes_straight_up_and_down_where_its_ends_are_narrow() -> Non
         assert len(searched) and times[0] <= times[1] + 1e-9
 
 
+def test_what_rests_on_something_is_lifted_off_it_first() -> None:
+    """Though the straight way is free, and as long as the rise is not done; with nothing to lift off it is taken."""
+    _, scene = world(Wall(top=0.5))
+    goal = [-0.5, 0.0]
+    now, rng = situation([0.0, 0.0], [goal]), np.random.default_rng(0)
+    plain = Lifting(scene, SPEED, RouteTuning(over=1, lifts=(0.3,)))
+    np.testing.assert_allclose(plain.decide(Route.none(2), now, rng, fresh=True)[0].points, [goal])
+    router = Lifting(scene, SPEED, RouteTuning(over=1, lifts=(0.3,)), rises=True)
+    route, wants = router.decide(Route.none(2), now, rng, fresh=True)
+    assert not route.to_goal and wants
+    way = router.search(now, rng)
+    np.testing.assert_allclose(way[0], [0.0, 0.3])
+    np.testing.assert_allclose(way[-1], goal)
+    for at, left in (([0.0, 0.1], len(way)), ([0.0, 0.25], len(way) - 1)):
+        assert len(router.decide(Route(Aim.GOAL, way), situation(at, [goal]), rng)[0].points) == left
+    # A wall between, higher than what is lifted: around it, from above where it stood.
+    _, scene = world(Wall(top=0.5), checks=4000)
+    router = Lifting(scene, SPEED, RouteTuning(over=1, lifts=(0.1,), checks=4000), rises=True)
+    way = router.search(situation([0.5, 0.0], [[1.9, 0.0]]), rng)
+    np.testing.assert_allclose(way[[0, -1]], [[0.5, 0.1], [1.9, 0.0]])
+
+
 def test_the_first_blocked_moment_is_when_a_margin_is_lost() -> None:
     router, _ = world(Wall(), resolution=0.01)
     now = situation([0.0, 0.0], [[2.0, 0.0]])
@@ -179,6 +201,18 @@ def test_the_nearest_free_goal_is_gone_to_straight() -> None:
     for q, aim in ((0.945, Aim.NOTHING), (0.935, Aim.GOAL)):
         route, _ = router.decide(Route.none(2), situation([0.0, 0.0], [[q, 0.0]]), rng)
         assert route.aim is aim
+
+
+def test_of_goals_as_far_the_one_that_moves_fewer_joints_is_gone_to() -> None:
+    router, _ = world(Wall())
+    # 0.50 s by one joint alone; 0.48 s by both.
+    goals = [[-0.48, 0.24], [-0.5, 0.0]]
+    route, _ = router.decide(Route.none(2), situation([0.0, 0.0], goals), np.random.default_rng(0))
+    np.testing.assert_allclose(route.points, [[-0.5, 0.0]])
+    # What is much quicker is gone to by however many.
+    goals[0] = [-0.3, 0.15]
+    route, _ = router.decide(Route.none(2), situation([0.0, 0.0], goals), np.random.default_rng(0))
+    np.testing.assert_allclose(route.points, [[-0.3, 0.15]])
 
 
 def test_the_way_around_is_searched_where_it_may_be() -> None:
@@ -407,3 +441,18 @@ def test_a_box_between_is_passed_over_no_higher_than_need_be(boxed: Any) -> None
     assert decided(box, False)[0].aim is not Aim.GOAL
     far = Track(ObjectStatus.GONE, 0.0, pose, np.zeros(6), 1e-8 * np.eye(6)).pack()
     np.testing.assert_array_equal(decided(far, True)[0].points, goal[None])
+
+
+def test_an_arm_whose_load_touches_its_support_rises_first_and_no_other(boxed: Any) -> None:
+    """Planner and search alike: both know it from what the hand holds."""
+    from twin_diagram import scenario
+    from twin_diagram.planning.mpc.planner import MotionPlanner
+    from twin_diagram.signals.hand import Hand
+
+    block = np.array([[i, j, k] for i in (-0.02, 0.02) for j in (-0.02, 0.02) for k in (-0.02, 0.02)])
+    planner = MotionPlanner(boxed, np.full(7, 2.0), scenario.Planner(), pieces_O=[(block,)])
+    assert not planner.router.rises
+    for on_support in (True, False):
+        hand = Hand(held=0, on_support=on_support).pack().tobytes()
+        assert planner.holding(hand).router.rises == on_support
+        assert planner.guide.holding(hand).router.rises == on_support

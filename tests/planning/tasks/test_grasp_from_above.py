@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.planning.tasks.small_world import COVARIANCE, DOWN, pose
-from twin_diagram.planning.tasks.grasp_from_above import TUNING, centred, grasps_from_above
+from twin_diagram.planning.tasks.grasp_from_above import TUNING, centred, grasps_from_above, reached
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.pose_vectors import compose, errors
+from twin_diagram.signals.pose_vectors import compose, errors, inverse
 
 NONE = np.zeros((0, 3))
 
@@ -59,6 +59,25 @@ def test_too_wide_is_none_and_just_narrow_enough_is_one() -> None:
     for width, count in ((0.0725, 0), (0.0715, 2)):
         found = grasps_from_above(box(width, width, 0.1), turned(0.0), 0.08, DOWN, NONE)[0]
         assert len(found) >= count and bool(len(found)) == bool(count)
+
+
+def test_what_is_too_wide_below_is_taken_by_its_neck() -> None:
+    """A body as wide as the fingers open, 0.15 m tall, and a neck of 0.05 m beside its middle: around the neck alone.
+
+    A neck of which the fingers would hold less than a pad is no neck.
+    """
+    body = box(0.08, 0.08, 0.15)[0]
+    for tall in (0.05, 0.01):
+        neck = box(0.03, 0.03, tall)[0] + np.array([0.02, 0.01, 0.075 + tall / 2])
+        X_WO = turned(0.4, z=0.075)
+        found = grasps_from_above((body, neck), X_WO, 0.08, DOWN, NONE)[0]
+        assert bool(len(found)) == (tall > TUNING.hold)
+        for X_WG in found:
+            assert X_WG[6] - TUNING.tip == pytest.approx(0.15) or X_WG[6] == pytest.approx(0.15 + tall - TUNING.depth)
+            assert X_WG[6] - 0.009 > 0.15, "the tips stay above what is too wide"
+            np.testing.assert_allclose(X_WG[4:6], compose(X_WO, pose(0.02, 0.01, 0.0))[4:6], atol=1e-9)
+            between = reached((body, neck), compose(inverse(X_WG), X_WO))
+            assert len(between) == 1 and between[0] is neck
 
 
 def test_the_fingers_come_down_where_no_neighbour_is() -> None:

@@ -26,7 +26,7 @@ class Aloft:
     Attributes:
         R, p: (3, 3), (3,) X_WO when it was seen last [m].
         usual: how much it looked like itself; 0: not known.
-        near: how far from there it can be by now [m].
+        near: how far from there it can be by now [m]; any way if nobody has seen it.
         just_lost: it was there a moment ago: then less is accepted.
     """
 
@@ -38,7 +38,11 @@ class Aloft:
 
     def may_be(self, one: RegisteredPose) -> bool:
         """Return whether a pose can be where it has got to, and looks like it."""
-        return float(np.linalg.norm(one.p - self.p)) <= self.near and looks_like_itself(one, self.usual)
+        return self.reaches(one) and looks_like_itself(one, self.usual)
+
+    def reaches(self, one: RegisteredPose) -> bool:
+        """Return whether it can have got to a pose by now."""
+        return float(np.linalg.norm(one.p - self.p)) <= self.near
 
 
 @dataclass(frozen=True)

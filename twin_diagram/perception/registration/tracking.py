@@ -12,6 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
+from twin_diagram.perception.registration.instances import emptiness
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming_evidence import TUNING as NAMING
 from twin_diagram.perception.registration.naming_evidence import colours_speak, is_another, naming
@@ -91,10 +92,8 @@ def step(
     """
     time = segments.time
     view = View(segments, Frame.of(segments, shift), params, smallest)
-    every, library = (
-        library,
-        [known.bare if slot.by_shape else known for known, slot in zip(library, slots, strict=True)],
-    )
+    every = library
+    library = [known.bare if slot.by_shape else known for known, slot in zip(every, slots, strict=True)]
     tracked = held_by_planes(library, slots, view, _asked(library, slots, follow_known(library, slots, view), view))
     recognised: dict[int, RegisteredPose] = {}
     searched: list[int] = []
@@ -160,8 +159,7 @@ def follow_known(library: Sequence[Known], slots: Sequence[Slot], view: View) ->
     """Register each object that was found before near where it is expected; return those found, by number."""
     found = {}
     for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
-        result = register_where_expected(known, slot, view) if slot.known else None
-        if result is not None:
+        if slot.known and (result := register_where_expected(known, slot, view)) is not None:
             found[k] = result
     return found
 
@@ -194,8 +192,7 @@ def regain_lost(
     for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
         if not slot.known or k in found or segments.time - slot.seen > SLOTS.coast:
             continue
-        result = register_around(known, slot, view, free)
-        if result is not None:
+        if (result := register_around(known, slot, view, free)) is not None:
             regained[k] = unmistaken(known, view, result)
             free[claimed(known.model, segments, result.R, result.p, EXPECTED.owned)] = False
     return regained
@@ -231,7 +228,8 @@ def search_for(
     convincing = {
         k: _named(library[k], view, one.registration)
         for k, one in found.items()
-        if _convincing(library[k], slots[k], view, one.registration)
+        if _got_to(library[k], slots[k], view, one.registration)
+        and _convincing(library[k], slots[k], view, one.registration)
     }
     ask = view.params.told_by_shape
     believed = {k: one for k, one in convincing.items() if carried(slots[k], time) or _told(library[k], one, ask)}
@@ -241,6 +239,11 @@ def search_for(
         attempt = min(slots[k].attempts for k in open_)
         believed |= search_by_shape(library, open_, view, left, attempt)
     return {k: one if one.by_shape else unmistaken(library[k], view, one) for k, one in believed.items()}
+
+
+def _got_to(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
+    """Return whether an object that is lost has got to a pose: it may be hidden where it was, if it is too far off."""
+    return aloft(slot, view.segments.time).reaches(one) or emptiness(known.model, slot, view.segments) > 0.0
 
 
 def _told(known: Known, one: RegisteredPose, ask: bool) -> bool:
@@ -294,7 +297,7 @@ def in_the_air(slot: Slot, time: float) -> bool:
 
 def aloft(slot: Slot, time: float) -> Aloft:
     """Return what is known of an object that is looked for in the air."""
-    near = max(EXPECTED.largest_step[1], TUNING.fastest * (time - slot.seen))
+    near = max(EXPECTED.largest_step[1], TUNING.fastest * (time - slot.seen)) if slot.known else np.inf
     return Aloft(slot.R, slot.p, slot.alike, near, just_lost(slot, time))
 
 
@@ -377,12 +380,9 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     points = segments.points_W[segments.labels == label]
     if found is None or found.likeness < one.likeness * judged(known.model, points, one) + TUNING.better:
         return None
-    convincing = _convincing(known, slot, view, found.registration)
-    return (
-        unmistaken(known, view, replace(_named(known, view, found.registration), by_shape=slot.by_shape))
-        if convincing
-        else None
-    )
+    if not _convincing(known, slot, view, found.registration):
+        return None
+    return unmistaken(known, view, replace(_named(known, view, found.registration), by_shape=slot.by_shape))
 
 
 def register_around(known: Known, slot: Slot, view: View, free: Mask) -> RegisteredPose | None:

@@ -12,6 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
 from twin_diagram.perception.registration.alternatives import compare, votes, weak_directions
 from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.colour_votes import colour_costs
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.recognition import looks_like_itself
@@ -52,6 +53,13 @@ class Tuning:
     rough: float = 0.01
     """Slack of surfaces at a pose that is a guess [m]: a third of a step at half a metre a second."""
 
+    moves: tuple[float, float] = (0.2, 0.03)
+    """How far off the next pose of an object that moves is where it is expected, RMS [rad], [m]."""
+
+    jumps: float = 2.0
+    """What turned by more of those deviations, about an axis of which its shape tells least, is held against what did
+    not."""
+
     turned: float = 0.07
     """A smaller turn from image to image is found again from either side [rad]."""
 
@@ -87,10 +95,12 @@ class Tuning:
 TUNING = Tuning()
 
 
-MOVING: Final = information(0.2, 0.03)
+MOVING: Final = information(*TUNING.moves)
 """How well the next pose of an object that moves is known."""
 RESTING: Final = information(0.03, 0.005)
 """And of one that stands still. Nearly hidden, it is held where it was; in the open, the image has far more to say."""
+AS_TURNED: Final = information(0.03, TUNING.moves[1])
+"""And of one whose turn is held against another."""
 
 
 def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredPose | None:
@@ -114,7 +124,7 @@ def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredP
     if best.quality < TUNING.coloured * best.shape:
         turned = [_registered(known, view, *at, MOVING) for at in turns(known, view, best)]
         best = likeliest(known, view, [best, *(one for one in turned if one is not None)])
-    return best if best is None else unmistaken(known, view, best, slot.odds)
+    return best if best is None else unmistaken(known, view, turned_back(known, slot, view, best), slot.odds)
 
 
 def _goes_on_or_stops(known: Known, slot: Slot, view: View, R: Array, p: Array) -> RegisteredPose | None:
@@ -128,19 +138,58 @@ def _goes_on_or_stops(known: Known, slot: Slot, view: View, R: Array, p: Array) 
     return None
 
 
+def turned_back(known: Known, slot: Slot, view: View, one: RegisteredPose) -> RegisteredPose:
+    """Return a pose, or the one without its turn about the axis that its shape tells least of, whichever is likelier.
+
+    Of a can that is half hidden colours leave several turns about its axis nearly alike, and registration may slip
+    from one to the next. The image tells, and how far things turn from image to image.
+    """
+    expected = np.stack([predict(slot, view.segments.time)[0], slot.R])
+    steps = log(one.R @ expected.transpose(0, 2, 1))
+    large = TUNING.jumps * TUNING.moves[0]
+    if np.linalg.norm(steps, axis=1).min() < large or (way := weak_turn(known, view, one)) is None:
+        return one
+    axis = way[:3] / np.linalg.norm(way[:3])
+    by = min(steps @ axis, key=abs)
+    if abs(by) < large:
+        return one
+    R, p = _turned_by(one, way, np.array([-by]))[0]
+    back = _registered(known, view, R, p, AS_TURNED, slot.alike)
+    if back is None:
+        return one
+    own = claimed(known.model, view.segments, one.R, one.p, TUNING.around)
+    both = Poses(np.stack([one.R, back.R]), np.stack([one.p, back.p]))
+    cost = compare(known.model, view.frame, both, view.segments.points_W[own], FINE)
+    cost += colour_costs(known.model, view.frame, both, view.params.model_points)
+    left = by + float(log((back.R @ one.R.T)[None])[0] @ axis)
+    cost += 0.5 * np.square(np.array([by, left]) / TUNING.moves[0])
+    return back if cost[1] < cost[0] else one
+
+
 def turns(known: Known, view: View, one: RegisteredPose) -> list[tuple[Array, Array]]:
     """Return poses turned to both sides about the axis, through the object's middle, that its shape tells least of."""
+    way = weak_turn(known, view, one)
+    return [] if way is None else _turned_by(one, way, np.array(TUNING.turned_by))
+
+
+def weak_turn(known: Known, view: View, one: RegisteredPose) -> Array | None:
+    """Return the motion (6,) [units of `alternatives`], mostly a turn, that its shape tells least of, if any."""
     pose = Poses(one.R[None], one.p[None])
     looked = look(known.model, view.frame, pose, view.params.model_points, FINE)
     for way, _ in weak_directions(looked, view.frame, votes(looked, view.frame, known.model.spacing), 0.0):
         if np.linalg.norm(way[:3]) > TUNING.turning:
-            steps = np.array(TUNING.turned_by)[:, None] * (way / np.linalg.norm(way[:3]))
-            # Units of turns and shifts differ; see `alternatives`.
-            steps[:, 3:] *= ALTERNATIVES.unit[1] / ALTERNATIVES.unit[0]
-            R, p = np.repeat(one.R[None], len(steps), axis=0), np.repeat(one.p[None], len(steps), axis=0)
-            moved = Poses(R, p).moved(steps)
-            return list(zip(moved.R, moved.p, strict=True))
-    return []
+            return way
+    return None
+
+
+def _turned_by(one: RegisteredPose, way: Array, angles: Array) -> list[tuple[Array, Array]]:
+    """Return a pose turned by angles (K,) [rad] along a motion (6,)."""
+    steps = angles[:, None] * (way / np.linalg.norm(way[:3]))
+    # Units of turns and shifts differ; see `alternatives`.
+    steps[:, 3:] *= ALTERNATIVES.unit[1] / ALTERNATIVES.unit[0]
+    R, p = np.repeat(one.R[None], len(steps), axis=0), np.repeat(one.p[None], len(steps), axis=0)
+    moved = Poses(R, p).moved(steps)
+    return list(zip(moved.R, moved.p, strict=True))
 
 
 def likeliest(known: Known, view: View, results: Sequence[RegisteredPose]) -> RegisteredPose | None:

@@ -236,7 +236,8 @@ class StopMonitor(LeafSystem):
         passed = now - state.looked
         rate, asked_rate = state.rate, state.asked_rate
         if passed > 0.0:
-            rate = np.clip((command - state.command) / passed, -self._speed, self._speed)
+            if not held:  # what was let through of a jump is no speed to brake from: there was none of it before
+                rate = np.clip((command - state.command) / passed, -self._speed, self._speed)
             asked_rate = np.clip((counts - state.asked) / passed, -self._speed, self._speed)
         if state.mode == BrakeMode.BRAKE:
             rate = state.stop.rate(now)

@@ -146,7 +146,9 @@ class MotionPlanner:
 
     def _made(self, hand: bytes) -> MotionPlanner:
         guide = self.guide.holding(hand)
-        return MotionPlanner(guide.scene, self._velocity_limit, self.params, self._solver, (), hand, self.limits)
+        made = MotionPlanner(guide.scene, self._velocity_limit, self.params, self._solver, (), hand, self.limits)
+        made.guide, made.router = guide, guide.router
+        return made
 
     def holding(self, hand: bytes) -> MotionPlanner:
         """Return the planner of the same arm with something in its hand, a packed `Hand`."""
@@ -221,9 +223,8 @@ class MotionPlanner:
         torque = self._torque(memory, now, arm)
         outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback, torque)
         plan = replace(outcome.trajectory, q0=outcome.trajectory.q0 + memory.offset)
-        checked = now if outcome.solved else memory.checked
-        memory = replace(memory, trajectory=plan, tick=memory.tick + 1, checked=checked)
-        return memory, Report(route.aim, outcome.violation, outcome.solved, reanchored)
+        memory = replace(memory, tick=memory.tick + 1, checked=now if outcome.solved else memory.checked)
+        return replace(memory, trajectory=plan), Report(route.aim, outcome.violation, outcome.solved, reanchored)
 
     def _torque(self, memory: Memory, now: float, arm: ArmTorque | None) -> TorqueBounds | None:
         """Return bounds on torque at the knots of a plan that starts now, about the plan before."""

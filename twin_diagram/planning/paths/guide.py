@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -97,12 +97,14 @@ class GuideSettings:
         clearance: to keep from everything [m].
         pieces_O: corners (m, 3) of the convex pieces of each of the library's objects [m].
         acceleration: (n,) with which routes are travelled [rad/s²]; None: no limit.
+        rises: whether what is held rests on something: it is lifted off before it goes anywhere.
     """
 
     speed: Array
     clearance: float
     pieces_O: Sequence[Sequence[Array]] = field(default_factory=list)
     acceleration: Array | None = None
+    rises: bool = False
 
 
 class Guide:
@@ -115,7 +117,7 @@ class Guide:
 
     def __init__(self, scene: Scene, settings: GuideSettings) -> None:
         self.scene, self.settings = scene, settings
-        self.router = Router(scene, settings.speed, acceleration=settings.acceleration)
+        self.router = Router(scene, settings.speed, acceleration=settings.acceleration, rises=settings.rises)
         self._holding = lru_cache(maxsize=TUNING.grips)(self._made)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -127,7 +129,8 @@ class Guide:
 
     def _made(self, hand: bytes) -> Guide:
         held = Hand.unpack(np.frombuffer(hand))
-        return Guide(holding(self.scene, self.settings.pieces_O[held.held], held), self.settings)
+        scene = holding(self.scene, self.settings.pieces_O[held.held], held)
+        return Guide(scene, replace(self.settings, rises=held.on_support))
 
     def situation(self, q: Array, forecast: Forecast, goals: Array, *, at_rest: bool = False) -> Situation:
         """Return what is near (n,) and at the goals (G, n) of an arm, which may be there without having been asked."""

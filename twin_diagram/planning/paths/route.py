@@ -115,12 +115,19 @@ class Router:
         speed: (n,) the speed at which routes are travelled [rad/s].
         tuning: None for the defaults.
         acceleration: (n,) with which [rad/s²]; None: no limit.
+        rises: whether what is held rests on something: it is lifted off before it goes anywhere.
     """
 
     def __init__(
-        self, scene: Scene, speed: Array, tuning: RouteTuning | None = None, acceleration: Array | None = None
+        self,
+        scene: Scene,
+        speed: Array,
+        tuning: RouteTuning | None = None,
+        acceleration: Array | None = None,
+        *,
+        rises: bool = False,
     ) -> None:
-        self.scene, self.speed = scene, speed
+        self.scene, self.speed, self.rises = scene, speed, rises
         self.acceleration = np.full(len(speed), np.inf) if acceleration is None else acceleration
         self.tuning = tuning or RouteTuning()
         bound = np.full(scene.chain.size, np.pi)
@@ -195,7 +202,7 @@ class Router:
             if blocked_at is None:
                 return route, False
         free, wanted = self._free_goals(now)
-        found = self._plain(now, free, wanted) if fresh else self._direct(now, free, wanted)
+        found = None if self.rises else self._plain(now, free, wanted) if fresh else self._direct(now, free, wanted)
         if found is not None:
             return Route(Aim.GOAL, found), False
         if blocked_at is not None and blocked_at > self.tuning.near_future:
@@ -205,6 +212,8 @@ class Router:
     def search(self, now: Situation, rng: np.random.Generator) -> Array:
         """Return way points (W, n) to one of the goals: plain ones, else the quickest found; W = 0: none."""
         free, wanted = self._free_goals(now)
+        if self.rises:
+            return self._risen(now, free, wanted, rng)
         found = self._plain(now, free, wanted)
         plain = found is not None
         roomy = free[now.at_goals[free, :-1].min(axis=1, initial=np.inf) >= now.clearance]
@@ -234,7 +243,8 @@ class Router:
             return np.zeros(0, dtype=int), np.zeros((0, len(now.here)))
         wanted = self.wanted_at(now)
         free = np.flatnonzero(self.ends_free(now, now.goals, wanted))
-        far = (np.abs(now.goals[free] - now.q) / self.speed).max(axis=1)
+        takes = np.abs(now.goals[free] - now.q) / self.speed
+        far = takes.max(axis=1) + self.tuning.swing * takes.mean(axis=1)
         tight = 1.0 - now.at_goals[free, :-1].min(axis=1, initial=now.clearance) / now.clearance
         return free[np.argsort(far + self.tuning.roomier * tight, kind="stable")], wanted
 
@@ -279,6 +289,17 @@ class Router:
                         return way
         return None
 
+    def _risen(self, now: Situation, free: Ints, wanted: Array, rng: np.random.Generator) -> Array:
+        """Return way points (W, n) to a goal that begin straight up: nothing is dragged along what it stands on."""
+        found = self._over(now, free, wanted, STEEP)
+        if found is None and len(free):
+            least: Array = wanted[free].min(axis=0)
+            up = self.lifted(now.q, self.tuning.lifts[0])
+            if self.first_blocked(now, up[None], least) is None:
+                beyond = self._search(replace(now, q=up), now.goals[free], least, rng)
+                found = None if beyond is None else np.vstack([up, beyond])
+        return np.zeros((0, len(now.q))) if found is None else found
+
     def lifted(self, q: Array, height: float) -> Array:
         """Return joint angles (n,) near `q` with the tool so much higher [m], as far as the limits let it."""
         chain, up = self.scene.chain, -self.scene.chain.gravity_W
@@ -300,9 +321,10 @@ class Router:
         points = self._ahead(now.q, route)
         if route.aim is Aim.LINE:
             return replace(route, points=points)
-        while len(points) > 1 and np.abs(points[0] - now.q).max() < self.tuning.way_point_reached:
+        reached = self.tuning.way_point_reached * (self.tuning.risen if self.rises else 1.0)
+        while len(points) > 1 and np.abs(points[0] - now.q).max() < reached:
             points = points[1:]
-        if len(points) > 1:
+        if len(points) > 1 and not self.rises:
             if self.first_blocked(now, points[-1:], margins) is None:
                 points = points[-1:]
             else:

@@ -29,12 +29,18 @@ class RouteTuning:
     """… found in so many steps of Gauss and Newton: a rough height will do."""
     roomier: float = 1.0
     """A goal with nothing within the clearance is worth so much longer a way than one that touches something [s]."""
+    swing: float = 0.5
+    """A goal counts as farther by this share of the time that its joints take on average [1]: of two that are reached
+    in the same time, one by a turn of the wrist, one by swinging the whole arm around, the first is gone to."""
     dwell: tuple[float, ...] = (0.0, 0.4, 0.8)
     """The global planner wants a configuration free at these times after the earliest arrival [s]."""
     near_future: float = 0.8
     """A route that is blocked later than this is followed as far as it goes, for want of a better one [s]."""
     way_point_reached: float = 0.05
     """A way point this near is passed [rad]: half a checked step."""
+    risen: float = 2.0
+    """What rests on something has been lifted off that from so many times this near the end of its rise on [1]: a lift
+    of 6 cm takes 0.15 rad and more."""
     way_point_near: float = 0.3
     """From this near a way point is dropped where the way beyond is just free [rad]: the motion rounds corners off."""
     line_acceleration: float = 0.8

@@ -30,6 +30,13 @@ class Tuning:
     bottom: float = 0.02
     """… but stay this far above its bottom [m]."""
 
+    tip: float = 0.012
+    """The finger tips reach this far below the tool's origin [m]: 9 or 10 mm of those that come along, and some room.
+    What is lower is not between them, however wide it is: the body of a bottle that is taken by its neck."""
+
+    hold: float = 0.018
+    """What is between the fingers is at least this tall [m]: most of a pad."""
+
     finger: float = 0.025
     """Half of what an open finger with its pad takes up beyond the opening [m]: to tell who is in its way."""
 
@@ -54,16 +61,19 @@ def grasps_from_above(
         (G, 7) X_WG, none where it is too wide, whichever way it is taken; (G,) costs.
     """
     R_WO = rotations.matrix(X_WO[:4])
-    corners = np.concatenate(pieces_O) @ R_WO.T + X_WO[4:]
-    low, high = float(corners[:, 2].min()), float(corners[:, 2].max())
-    z = max(high - TUNING.depth, min(low + TUNING.bottom, 0.5 * (low + high)))
+    pieces = [piece @ R_WO.T + X_WO[4:] for piece in pieces_O]
+    heights = _heights(pieces)
     heading = 0.0 if symmetric else float(np.arctan2(R_WO[1, 0], R_WO[0, 0]))
     found: list[tuple[float, Array]] = []
     for turn in heading + np.arange(TUNING.turns) * np.pi / TUNING.turns:
         closing, along = np.array([-np.sin(turn), np.cos(turn)]), np.array([np.cos(turn), np.sin(turn)])
-        across, length = corners[:, :2] @ closing, corners[:, :2] @ along
-        width = float(np.ptp(across))
-        if width > opening - TUNING.spare:
+        for z in heights:
+            between = np.concatenate([piece for piece in pieces if piece[:, 2].max() > z - TUNING.tip + 1e-9])
+            across, length = between[:, :2] @ closing, between[:, :2] @ along
+            width = float(np.ptp(across))
+            if width <= opening - TUNING.spare:
+                break
+        else:
             continue
         middle = 0.5 * (across.max() + across.min()) * closing + 0.5 * (length.max() + length.min()) * along
         ends = [middle + side * (0.5 * opening + TUNING.finger) * closing for side in (-1.0, 1.0)]
@@ -75,6 +85,22 @@ def grasps_from_above(
             found.append((width / opening + 0.2 * angle + 30.0 * crowded, np.array([*q, *middle, z])))
     found.sort(key=lambda entry: entry[0])
     return np.array([X_WG for _, X_WG in found]).reshape(-1, 7), np.array([price for price, _ in found])
+
+
+def _heights(pieces_W: list[Array]) -> list[float]:
+    """Return the heights at which the tool may take an object [m], the lowest first.
+
+    As deep as the fingers go, and just above each piece that lies lower than the top: where that is too wide for the
+    open fingers, what stands above it may not be.
+
+    Args:
+        pieces_W: corners (m, 3) of its convex pieces in W [m].
+    """
+    tops = np.array([piece[:, 2].max() for piece in pieces_W])
+    low, high = min(float(piece[:, 2].min()) for piece in pieces_W), float(tops.max())
+    deep = max(high - TUNING.depth, min(low + TUNING.bottom, 0.5 * (low + high)))
+    above = sorted(float(top) + TUNING.tip for top in tops if top <= high - TUNING.hold)
+    return [deep, *(z for z in above if z > deep)]
 
 
 def crowding(ends: list[Array], others: Array) -> float:
@@ -90,6 +116,18 @@ def _pointing_down(turn: float) -> Array:
     """Return the quaternion of a tool that points down, its x axis at an angle to W's [rad]."""
     c, s = np.cos(turn), np.sin(turn)
     return rotations.from_matrix(np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]]))
+
+
+def reached(pieces_O: tuple[Array, ...], X_TO: Array) -> tuple[Array, ...]:
+    """Return those pieces of an object at X_TO (7) that come up to the finger tips; all of them where none does.
+
+    Args:
+        pieces_O: corners (m, 3) of its convex pieces, in O [m].
+        X_TO: its pose in the tool's frame.
+    """
+    z_O = rotations.matrix(X_TO[:4])[2]
+    near = tuple(piece for piece in pieces_O if float((piece @ z_O).min()) + X_TO[6] < TUNING.tip)
+    return near or pieces_O
 
 
 def centred(X_TO: Array, covariance: Array, pieces_O: tuple[Array, ...], known: float) -> tuple[Array, Array]:

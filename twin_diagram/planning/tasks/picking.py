@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_diagram.planning.tasks.grasp_choice import TUNING as GRASP_CHOICE
 from twin_diagram.planning.tasks.grasp_choice import between_fingers, choices
-from twin_diagram.planning.tasks.grasp_from_above import centred
+from twin_diagram.planning.tasks.grasp_from_above import centred, reached
 from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed, steady
 from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState, Why
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
@@ -156,7 +156,7 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     X_TO = compose(inverse(seen.X_WT), track.pose)
     known = library[step.target]
     held = between_fingers(known.shape, X_TO)
-    pieces = known.pieces if held is None else (held,)
+    pieces = reached(known.pieces, X_TO) if held is None else (held,)
     doubt = R_TW @ track.covariance @ R_TW.T
     X_TO, covariance = centred(X_TO, doubt, pieces, TUNING.finger_error)
     hand = Hand(step.target, NOTHING, True, X_TO, covariance)
