@@ -11,7 +11,9 @@ from twin_diagram.model.rigid_body.mass_properties import about_centre, inertia_
 
 
 def only(shape: Shape, load: float, size: float = 0.1, wall: float = 0.0) -> ShapePrior:
-    return ShapePrior(shape, loads=((load, 1.0),), load_sizes=((size, 1.0),), walls=((wall, 1.0),), ends=(0.0, 0.3))
+    return ShapePrior(
+        shape, loads=((load, 1.0),), load_sizes=((size, 1.0),), walls=((wall, 1.0),), plain=(0.0, 0.02), ends=(0.0, 0.3)
+    )
 
 
 def test_without_a_load_the_middle_is_even_mass(box: Shape) -> None:
@@ -101,7 +103,7 @@ def test_sharp_torques_decide_alone(box: Shape, off_centre: np.ndarray) -> None:
 def test_mass_and_centre_alone_find_a_load(box: Shape, off_centre: np.ndarray) -> None:
     """Torques that tell mass and centre but no inertia: what is off the centre says of the inertia what a load does."""
     matrix = np.diag([1e8, *3 * [1e9], *6 * [1e-3]])
-    prior = ShapePrior(box, ends=(0.0, 0.3))
+    prior = ShapePrior(box, plain=(0.0, 0.02), ends=(0.0, 0.3))
     found = posterior(matrix, matrix @ off_centre, prior.hypotheses, 0.5)
     np.testing.assert_allclose(found.mean[:4], off_centre[:4], atol=2e-4)
     even = prior.hypotheses.by_load == 0.0
@@ -122,6 +124,42 @@ def test_torques_that_say_nothing_leave_the_prior(box: Shape) -> None:
     drawn = only(box, 0.3).hypotheses.drawn(0.6, 20000, np.random.default_rng(0))
     np.testing.assert_allclose(found.mean[0], 0.6, rtol=1e-3)
     np.testing.assert_allclose(np.std(found.bodies[:, 1:4], axis=0), np.std(drawn[:, 1:4], axis=0), rtol=0.1)
+
+
+def test_where_torques_do_not_tell_the_wall_it_is_not_half_of_one(box: Shape) -> None:
+    """Mass and centre alone: of what is even the moments are those of even mass, not those between it and a shell's."""
+    even = box.even(0.2)
+    matrix = np.diag([1e8, *3 * [1e10], *6 * [1e-3]])
+    prior = ShapePrior(box, walls=((0.0, 0.6), (0.35, 0.2), (1.0, 0.2)))
+    found = posterior(matrix, matrix @ even, prior.hypotheses, 0.5)
+    expected = np.linalg.eigvalsh(about_centre(even)[2])
+    np.testing.assert_allclose(np.linalg.eigvalsh(about_centre(found.mean)[2]), expected, rtol=0.05)
+    # That it may be a shell after all is in what is told of the errors.
+    all_alike = np.linalg.eigvalsh(about_centre(found.bodies.mean(axis=0))[2])
+    assert (np.sqrt(np.diag(found.covariance)[[4, 5, 6]]) > 0.15 * expected.min()).all()
+    assert (all_alike > 1.05 * expected).all()
+
+
+def test_one_material_is_a_way_of_its_own(box: Shape) -> None:
+    """Half of what is even without a load: its E is that of a reconstruction's errors."""
+    prior = ShapePrior(box, ends=(0.0, 0.3), plain=(0.4, 0.01))
+    plain, without = prior.hypotheses, ShapePrior(box, ends=(0.0, 0.3), plain=(0.0, 0.01)).hypotheses
+    assert len(plain) == len(without) + 1
+    weights, narrow = np.exp(plain.log_weight), plain.spread == 0.01
+    even = (plain.by_load == 0.0) & (plain.wall == 0.0)
+    assert narrow.sum() == 1 and even[narrow].all()
+    assert weights[narrow].sum() == pytest.approx(0.4 * weights[even].sum())
+    assert weights[even].sum() == pytest.approx(
+        np.exp(without.log_weight)[(without.by_load == 0) & (without.wall == 0)]
+    )
+
+
+def test_torques_tell_a_shell(box: Shape) -> None:
+    shell = only(box, 0.0, wall=1.0).hypotheses.parameters(np.array([[np.log(0.4), *np.zeros(9)]]))[0]
+    matrix = np.diag(1.0 / np.maximum(0.02 * np.abs(shell), 1e-6) ** 2)
+    found = posterior(matrix, matrix @ shell, ShapePrior(box).hypotheses, 0.5)
+    moments, expected = (np.linalg.eigvalsh(about_centre(p)[2]) for p in (found.mean, shell))
+    np.testing.assert_allclose(moments, expected, rtol=0.05)
 
 
 def test_what_is_no_prior_is_refused(box: Shape) -> None:

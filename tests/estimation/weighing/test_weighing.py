@@ -145,7 +145,7 @@ def test_an_even_object_that_hardly_moves_is_known_by_its_shape(
     words = [found.verdicts[f"moment_{k}"] for k in (1, 2, 3)]
     assert "measured" not in words  # that the middle is the centre says of a hidden load what torques do not
     assert "from shape alone" in words
-    np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(box.even(found.mass))[2]), rtol=0.2)
+    np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(box.even(found.mass))[2]), rtol=0.05)
 
 
 def test_the_words_of_a_verdict() -> None:

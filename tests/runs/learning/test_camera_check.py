@@ -64,6 +64,20 @@ def test_a_camera_is_found_that_is_off(place: str) -> None:
     assert found.shift == pytest.approx(float(np.linalg.norm(shift)), abs=5e-4)
 
 
+@pytest.mark.parametrize("place", TOLD)
+def test_the_scale_of_its_depth_is_found_where_that_is_told_to_be_unsure(place: str) -> None:
+    """Depth 1 % too long: where only its pose may be wrong it seems to stand a centimetre elsewhere."""
+    told, view = camera(TOLD[place], [0.005, 0.01]), told_camera(camera(TOLD[place], [0.0, 0.0]))
+    turn, shift = np.array([0.003, -0.002, 0.004]), np.array([0.0015, -0.001, 0.001])
+    picture = taken(told, turn, shift, [])
+    long = replace(picture, depth=(1.01 * picture.depth).astype(np.float32))
+    found = check_camera(replace(told, depth_scale_std=0.01, focal_std=0.003), long, KnownFaces.of(SOLIDS))
+    assert found is not None and found.depth == pytest.approx(1.0 / 1.01, abs=1e-3)
+    np.testing.assert_allclose(found.camera.p_WC, view.p_WC + shift, atol=1.5e-3)
+    wrong = check_camera(told, long, KnownFaces.of(SOLIDS))
+    assert wrong is not None and np.linalg.norm(wrong.camera.p_WC - view.p_WC - shift) > 4e-3
+
+
 def test_nothing_is_told_of_a_camera_that_is_trusted_or_sees_nothing_known() -> None:
     told = camera(TOLD["slanted"], [0.005, 0.01])
     picture = taken(told, np.zeros(3), np.zeros(3), [])

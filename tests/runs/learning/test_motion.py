@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin_diagram.runs.learning.motion import Mover, cloud_cells, columns, pointing, timed
+from twin_diagram.runs.learning.motion import TUNING as MOTION
+from twin_diagram.runs.learning.motion import Mover, cloud_cells, columns, pointing, pose, timed
+from twin_diagram.runs.learning.setting_down import TUNING as SETTING_DOWN
+from twin_diagram.runs.learning.setting_down import way_back
 from twin_diagram.scenario.file import load_scenario
 
 SPEED = np.array([1.0, 0.5])
@@ -65,3 +68,19 @@ def test_ways_keep_clear_of_what_stands_about_until_it_is_gone() -> None:
         assert not mover.free(home[None], 0.01)[0]
         raise ValueError
     assert mover.free(home[None], 0.01)[0]
+
+
+def test_what_is_held_low_can_be_set_down_in_a_bin_and_the_way_back_leads_over_its_walls() -> None:
+    """The tool's frame 12 mm over the lowest point of what it holds, which is let go 3 mm over the bottom."""
+    twin = load_scenario("bin_picking").twin
+    assert twin.learning is not None
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)
+    low, high = (np.array(corner) for corner in twin.learning.into_bin)
+    for place, closing in (((low + high) / 2, [1.0, 0.0, 0.0]), (high - [0.144, 0.055, 0.0], [1.0, 0.0, 0.0])):
+        down = pose(pointing(np.array([0.0, 0.0, -1.0]), np.array(closing)), np.array([*place[:2], low[2] + 0.015]))
+        above = down + np.outer([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.2])
+        line = mover.line(mover.goals(above, home)[0], down)
+        assert mover.bare_free(line, SETTING_DOWN.grazing)
+        assert not mover.free(line, SETTING_DOWN.grazing).all(), "with fewer balls tips stand in the bottom"
+        back = way_back(mover, line[-1])
+        assert mover.bare_free(back, SETTING_DOWN.grazing) and mover.bare_free(back[-1:], MOTION.clearance)

@@ -12,9 +12,9 @@ from twin_diagram.runs.learning.bin_view import (
     grasps_of_thing,
     guessed_sides,
     narrowest,
-    wall_points,
     why_not,
 )
+from twin_diagram.runs.learning.in_the_way import in_the_way, wall_points
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, pose_over, resting, turned
 
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -101,13 +101,35 @@ def test_grasps_by_the_very_tips_come_last() -> None:
     assert downward(found).tolist() == [1, 0]
 
 
-def test_walls_stand_about_the_inside() -> None:
+def test_walls_stand_about_the_inside_and_count_as_nearer() -> None:
     low, high = np.array([0.0, 0.0, 0.0]), np.array([0.3, 0.4, 0.1])
-    points = wall_points(low, high)
-    inside = ((points[:, :2] > low[:2]) & (points[:, :2] < high[:2])).all(axis=1)
-    assert not inside.any() and points[:, 2].max() <= 0.1
-    for axis in (0, 1):
-        assert points[:, axis].min() < low[axis] and points[:, axis].max() > high[axis]
+    for room in (0.0, 0.004):
+        points = wall_points(low, high, room)
+        rim = points[:, 2] > high[2] + room - 1e-9
+        rim &= ((points[:, :2] <= low[:2]) | (points[:, :2] >= high[:2])).any(axis=1)
+        face = points[~rim]
+        assert rim.any() and points[:, 2].max() == pytest.approx(high[2] + room)
+        on_a_face = np.isclose(face[:, :2], low[:2] + room) | np.isclose(face[:, :2], high[:2] - room)
+        assert on_a_face.any(axis=1).all()
+        for axis in (0, 1):
+            assert face[:, axis].min() <= low[axis] + room and face[:, axis].max() >= high[axis] - room
+            assert points[rim, axis].min() == pytest.approx(low[axis] - 0.008)
+
+
+def test_fingers_keep_off_walls_and_neighbours_by_more_than_the_arm_sags() -> None:
+    """A box of 4 cm, 3 cm off a wall and off another thing, to both sides of which fingers of 1.5 cm fit."""
+    gripper, low, high = gripper_of("wsg50"), np.array([0.27, -0.55, 0.01]), np.array([0.56, -0.16, 0.12])
+    box = flat(0.09, 0.04, 0.04, 0.0)
+    box = SeenThing(box.points + [0.0, low[1] + 0.05 - box.middle[1], 0.0], box.normals, box.pixels, box.viewpoint)
+    other = box.points[box.points[:, 2] > 0.049] + [0.0, 0.07, 0.03]
+    found = grasps_of_thing(box, gripper, low[2], in_the_way(low, high, [other])[0])
+    order = downward(found)
+    assert len(order)
+    lower, upper = gripper.boxes()
+    corners = np.array(np.meshgrid(*zip(lower[:4].min(axis=0), upper[:4].max(axis=0), strict=True))).reshape(3, -1).T
+    for k in order:
+        y = (corners @ found.R[k].T + found.poses[k, 4:])[:, 1]
+        assert y.min() > low[1] + 0.004
 
 
 def test_a_box_rests_on_its_sides_the_surest_first() -> None:

@@ -41,6 +41,16 @@ class Tuning:
     least_scale: float = 0.2
     """A motion that must be scaled down below this tells too little: refused."""
 
+    much: float = 0.8
+    """One that must be scaled down below this is looked for anew, with limits that count for more: half the motion
+    tells half, and where a grip hardly carries the object another posture leaves more of it."""
+
+    strict: float = 300.0
+    """Weight of limits then; it is 30 before."""
+
+    strict_steps: int = 30
+    """Of that search: 2 s of a core."""
+
 
 TUNING = Tuning()
 
@@ -186,7 +196,7 @@ def optimise_excitation(
     start: Array | None = None
     for _ in range(TUNING.tries):
         cost = ExcitationCost.of(carried, limits.near(posture, reach), grip, Harmonics(plan.period, plan.harmonics))
-        start = _searched(cost, plan, start)
+        start = _stricter(cost, _searched(cost, plan, start))
         found = _within(cost, carried, start)
         if clear is None or bool(np.all(clear(found.sampled(TUNING.check_rate)[1][0]))):
             motion = found.sampled(plan.rate)[1]
@@ -199,19 +209,44 @@ def _searched(cost: ExcitationCost, plan: ExcitationPlan, start: Array | None) -
     """Return the best numbers found (size): from some starts a little, from the best of them thoroughly."""
     random = np.random.default_rng(plan.seed)
     starts = [cost.drawn(random) for _ in range(plan.starts)] if start is None else [start]
-
-    def improved(x: Array, steps: int, weight: float) -> tuple[float, Array]:
-        options = {"maxiter": steps, "maxcor": 20}
-        done = scipy.optimize.minimize(
-            cost.value_and_slope, x, args=(weight,), jac=True, method="L-BFGS-B", options=options
-        )
-        return float(done.fun), done.x
-
-    tried = [improved(x, plan.trial_steps, 3.0) for x in starts] if len(starts) > 1 else [(0.0, starts[0])]
+    tried = [_improved(cost, x, plan.trial_steps, 3.0) for x in starts] if len(starts) > 1 else [(0.0, starts[0])]
     best = min(tried, key=lambda one: one[0])[1]
     for weight, share in ((3.0, 0.7), (30.0, 0.3)):
-        best = improved(best, max(1, int(share * plan.steps)), weight)[1]
+        best = _improved(cost, best, max(1, int(share * plan.steps)), weight)[1]
     return best
+
+
+def _improved(cost: ExcitationCost, x: Array, steps: int, weight: float) -> tuple[float, Array]:
+    """Return the least cost found from some numbers (size) in some steps, with limits of a weight, and where it is."""
+    options = {"maxiter": steps, "maxcor": 20}
+    done = scipy.optimize.minimize(
+        cost.value_and_slope, x, args=(weight,), jac=True, method="L-BFGS-B", options=options
+    )
+    return float(done.fun), done.x
+
+
+def _stricter(cost: ExcitationCost, x: Array) -> Array:
+    """Return numbers (size) of whose motion limits leave more, where they leave little of that of some (size)."""
+    share = _share_within(cost, x)
+    if share >= TUNING.much:
+        return x
+    small = cost.scaled(x, max(share, TUNING.least_scale))
+    other = _improved(cost, small, TUNING.strict_steps, TUNING.strict)[1]
+    left = [cost.scaled(y, max(kept, 1e-3)) for y, kept in ((x, share), (other, _share_within(cost, other)))]
+    told = [cost.value_and_slope(y, 0.0)[0] for y in left]
+    return other if told[1] < told[0] else x
+
+
+def _share_within(cost: ExcitationCost, x: Array) -> float:
+    """Return what a motion is to be scaled down by to keep every limit at all times; 0: it does not even at rest."""
+    time = np.arange(0.0, cost.harmonics.period, 1.0 / TUNING.check_rate)
+    if max(cost.use(x, time).values()) <= 1.0:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if max(cost.use(cost.scaled(x, middle), time).values()) <= 1.0 else (low, middle)
+    return low
 
 
 def _within(cost: ExcitationCost, carried: CarriedMotion, x: Array) -> Excitation:
@@ -221,22 +256,17 @@ def _within(cost: ExcitationCost, carried: CarriedMotion, x: Array) -> Excitatio
         WeighingError: not even a small one does.
     """
     time = np.arange(0.0, cost.harmonics.period, 1.0 / TUNING.check_rate)
-    low, high = 0.0, 1.0
-    use = cost.use(x, time)
-    if max(use.values()) > 1.0:
-        for _ in range(12):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if max(cost.use(cost.scaled(x, middle), time).values()) <= 1.0 else (low, middle)
-        if low < TUNING.least_scale:
-            worst = max(use, key=lambda name: use[name])
-            raise WeighingError(
-                f"no motion keeps the limit of {worst}: at rest it takes "
-                f"{cost.use(cost.scaled(x, 0.0), time)[worst]:.2f} of it; grip more firmly, or elsewhere"
-            )
-        x = cost.scaled(x, low)
+    scale = _share_within(cost, x)
+    if scale < TUNING.least_scale:
         use = cost.use(x, time)
+        worst = max(use, key=lambda name: use[name])
+        raise WeighingError(
+            f"no motion keeps the limit of {worst}: at rest it takes "
+            f"{cost.use(cost.scaled(x, 0.0), time)[worst]:.2f} of it; grip more firmly, or elsewhere"
+        )
+    x = x if scale == 1.0 else cost.scaled(x, scale)
     posture, coefficients = cost.parts(x)
     whole = carried.others.copy()
     whole[carried.held.rows] = posture
-    scale = 1.0 if high == 1.0 and low == 0.0 else low
+    use = cost.use(x, time)
     return Excitation(carried.model.joints, whole, carried.held.rows, cost.harmonics, coefficients, None, use, scale)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.estimation.weighing.held import WeighingError
 from twin_diagram.estimation.weighing.shape_prior import Hypotheses
@@ -36,21 +37,28 @@ class Posterior:
         bodies: (S, 10) inertial parameters in O.
         weights: (H,) probability of each hypothesis.
         modes: (H, 10) most probable coordinates under each.
+        likeliest: (S,) which bodies have the share of mass in their walls that is most probable.
     """
 
     bodies: Array
     weights: Array
     modes: Array
+    likeliest: npt.NDArray[np.bool_]
 
     @property
     def mean(self) -> Array:
-        """(10,), of the least expected square error; physical, as means of physical bodies are."""
-        return np.asarray(self.bodies.mean(axis=0))
+        """(10,) of the bodies with the most probable wall; physical, as means of physical bodies are.
+
+        Half-way between a solid and a shell no body lies: where torques do not tell which it is, the mean of all is
+        wrong of both.
+        """
+        return np.asarray(self.bodies[self.likeliest].mean(axis=0))
 
     @property
     def covariance(self) -> Array:
-        """(10, 10)."""
-        return np.cov(self.bodies.T)
+        """(10, 10) of all bodies about `mean`: that the wall may be another one is in it."""
+        off = self.bodies - self.mean
+        return np.asarray(off.T @ off / len(off))
 
 
 def posterior(matrix: Array, vector: Array, hypotheses: Hypotheses, start: float | Array, seed: int = 0) -> Posterior:
@@ -103,7 +111,10 @@ def posterior(matrix: Array, vector: Array, hypotheses: Hypotheses, start: float
     score = hypotheses.log_weight - cost - hypotheses.outside(u) + 0.5 * told
     weights = np.exp(score - score.max())
     weights /= weights.sum()
-    return Posterior(_drawn(u, curvature, weights, hypotheses, seed), weights, u)
+    bodies, which = _drawn(u, curvature, weights, hypotheses, seed)
+    walls = np.unique(hypotheses.wall)
+    wall = walls[np.argmax([weights[hypotheses.wall == w].sum() for w in walls])]
+    return Posterior(bodies, weights, u, hypotheses.wall[which] == wall)
 
 
 def _cost(u: Array, matrix: Array, vector: Array, hypotheses: Hypotheses) -> Array:
@@ -123,12 +134,14 @@ def _slopes(u: Array, hypotheses: Hypotheses) -> tuple[Array, Array]:
     return hypotheses.parameters(u), slopes.transpose(1, 2, 0)
 
 
-def _drawn(u: Array, curvature: Array, weights: Array, hypotheses: Hypotheses, seed: int) -> Array:
-    """Return bodies (S, 10): of each hypothesis as many as its weight says."""
+def _drawn(
+    u: Array, curvature: Array, weights: Array, hypotheses: Hypotheses, seed: int
+) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Return bodies (S, 10), of each hypothesis as many as its weight says, and whose each is (S,)."""
     random = np.random.default_rng(seed)
     which = random.choice(len(weights), size=TUNING.draws, p=weights)
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("hii->hi", curvature), 1e-30))
     values, vectors = np.linalg.eigh(curvature * scale[:, :, None] * scale[:, None, :])
     root = scale[:, :, None] * vectors / np.sqrt(np.maximum(values, 1e-12))[:, None, :]
     draws = u[which] + np.einsum("nij,nj->ni", root[which], random.normal(size=(TUNING.draws, 10)))
-    return hypotheses.parameters(draws, which)
+    return hypotheses.parameters(draws, which), which

@@ -54,6 +54,8 @@ class ShapePrior:
         loads: shares f of the mass that a hidden load may have, 0 for none; and how likely each is.
         load_sizes: ρ, and how likely each is.
         walls: shares of the other mass in the surface, and how likely each is.
+        plain: how likely it is that an object without a load or a wall is of one material, and the spread of E then:
+            errors of the reconstruction.
         ends: how likely it is that density changes from end to end, and the deviation of d then, over that of the mass.
         ignore: the shape says nothing: only that the object is some body of about this size.
     """
@@ -66,7 +68,8 @@ class ShapePrior:
         (0.66, 0.05), (0.77, 0.04), (0.88, 0.02),
     )  # fmt: skip
     load_sizes: tuple[tuple[float, float], ...] = ((0.1, 0.4), (0.4, 0.3), (0.75, 0.3))
-    walls: tuple[tuple[float, float], ...] = ((0.0, 0.7), (0.35, 0.15), (1.0, 0.15))
+    walls: tuple[tuple[float, float], ...] = ((0.0, 0.85), (0.35, 0.1), (1.0, 0.05))
+    plain: tuple[float, float] = (0.5, 0.02)
     ends: tuple[float, float] = (0.15, 0.35)
     ignore: bool = False
 
@@ -85,6 +88,7 @@ class ShapePrior:
             centre_spread=1.0,
             loads=((0.0, 1.0),),
             walls=((0.0, 1.0),),
+            plain=(0.0, 0.02),
             ends=(0.0, 0.35),
             ignore=True,
         )
@@ -102,8 +106,14 @@ class ShapePrior:
         rows = [(f, size, wall, p * (1.0 - likely)) for f, size, wall, p in rows]
         if likely > 0.0:
             rows += [(-1.0, 0.0, wall, likely * p_wall) for wall, p_wall in self.walls]
-        rows = [row for row in rows if row[3] > 0.0]
-        f, size, wall, weight = (np.array(column) for column in zip(*rows, strict=True))
+        one, of_one = self.plain
+        each = []
+        for row in rows:
+            share = one if row[0] == row[2] == 0.0 else 0.0
+            usual = self.spread * (TUNING.rougher if row[0] < 0.0 else 1.0)
+            each += [(*row[:3], row[3] * (1.0 - share), usual), (*row[:3], row[3] * share, of_one)]
+        columns = zip(*(row for row in each if row[3] > 0.0), strict=True)
+        f, size, wall, weight, spread = (np.array(column) for column in columns)
         ended = f < 0.0
         f = np.where(ended, 0.0, f)
         solid, thin = self.shape.second, self.shape.shell_second
@@ -116,8 +126,7 @@ class ShapePrior:
         room = np.maximum((1.0 - size)[:, None] * self.shape.half - np.abs(centre - self.shape.middle), 0.0)
         most = np.where(ended, 0.5, f)[:, None] * room + 2.0 * self.centre_spread
         by_load = np.where(ended, -1.0, by_load)
-        spread = np.where(ended, TUNING.rougher, 1.0) * self.spread
-        return Hypotheses(centre, base, offset, most, by_load, np.log(weight / weight.sum()), spread)
+        return Hypotheses(centre, base, offset, most, by_load, np.log(weight / weight.sum()), spread, wall)
 
 
 @dataclass(frozen=True)
@@ -132,6 +141,7 @@ class Hypotheses:
         by_load: (H,) how much d dᵀ adds; below zero: one end is denser.
         log_weight: (H,) logarithms of probabilities.
         spread: (H,) of E's elements.
+        wall: (H,) share of the other mass in the surface.
     """
 
     centre: Array
@@ -141,6 +151,7 @@ class Hypotheses:
     by_load: Array
     log_weight: Array
     spread: Array
+    wall: Array
 
     def __len__(self) -> int:
         return len(self.log_weight)

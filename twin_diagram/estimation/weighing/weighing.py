@@ -120,7 +120,8 @@ def weigh(
 
     The joints' gains, offsets and frictions, small errors of the hand and of where the object sits in it are found
     along, from runs with and without the object; what is left unknown of them is in the covariance. The arm's own
-    inertia, which the model knows, is what gains are calibrated by. The estimate is the posterior's mean.
+    inertia, which the model knows, is what gains are calibrated by. The estimate is the posterior's mean under
+    the most probable wall.
 
     Args:
         model: the arm, loaded for the side that torques are measured on.
@@ -169,10 +170,10 @@ def _summary(fit: TorqueFit, found: Posterior, prior: ShapePrior, delay: float, 
     along = np.einsum("ik,nij,jk->nk", axes, each_inertia, axes)
     order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     errors: dict[str, Array] = {
-        "mass": np.asarray(np.std(each_mass)),
-        "centre": np.asarray(np.std(each_centre, axis=0)),
-        "moments": np.asarray(np.std(along, axis=0)),
-        "inertia": np.array([np.std(each_inertia[:, i, j]) for i, j in order]),
+        "mass": about(each_mass, mass),
+        "centre": about(each_centre, centre),
+        "moments": about(along, moments),
+        "inertia": np.array([about(each_inertia[:, i, j], inertia[i, j]) for i, j in order]),
     }
     before = prior.hypotheses.drawn(float(mass), TUNING.prior_draws, np.random.default_rng(seed))
     by_axis = np.einsum("ik,nij,jk->nk", axes, about_centre(before)[2], axes)
@@ -185,6 +186,11 @@ def _summary(fit: TorqueFit, found: Posterior, prior: ShapePrior, delay: float, 
         parameters, covariance, float(mass), centre, inertia, moments, axes, errors, verdicts,
         fit.gain, fit.gain_std, delay, fit.noise, fit, found,
     )  # fmt: skip
+
+
+def about(draws: Array, told: Array) -> Array:
+    """Return the standard errors (…) of what is told (…), by draws (S, …) of what it may be."""
+    return np.asarray(np.sqrt(np.mean((draws - told) ** 2, axis=0)))
 
 
 def verdict(share: float) -> str:

@@ -84,7 +84,13 @@ def arm_plant(
     return plant, scene_graph, arm, builder.Build()
 
 
-def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.Arm, depth: Ints) -> Balls:
+def arm_balls(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    arm: description.Arm,
+    depth: Ints,
+    fingers: float = TUNING.overhang,
+) -> Balls:
     """Cover the arm's collision shapes with balls.
 
     What moves with the gripper's joints is covered wherever these joints may put it: the twin's planner is not told the
@@ -95,6 +101,7 @@ def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.A
         scene_graph: its geometry.
         arm: where the arm is in the plant.
         depth: of `chain.depths`.
+        fingers: how far balls may reach beyond what moves with the gripper's joints [m].
     """
     inspector = scene_graph.model_inspector()
     link_pose = _link_poses(plant, arm, depth)
@@ -109,7 +116,7 @@ def arm_balls(plant: MultibodyPlant, scene_graph: SceneGraph, arm: description.A
         geometries = plant.GetCollisionGeometriesForBody(body)
         for geometry in geometries:
             X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix4()
-            for c, r, part in _cover(inspector, geometry, [X_LB @ X_BG for X_LB in X_LBs]):
+            for c, r, part in _cover(inspector, geometry, [X_LB @ X_BG for X_LB in X_LBs], fingers):
                 centres.append(c)
                 radii.append(r)
                 links.append(k)
@@ -188,7 +195,9 @@ def _link_poses(plant: MultibodyPlant, arm: description.Arm, depth: Ints) -> Cal
     return poses
 
 
-def _cover(inspector: SceneGraphInspector, geometry: GeometryId, X_LGs: list[Array]) -> list[tuple[Array, float, int]]:
+def _cover(
+    inspector: SceneGraphInspector, geometry: GeometryId, X_LGs: list[Array], fingers: float
+) -> list[tuple[Array, float, int]]:
     """Return balls (centre in L, radius, part) that hold a shape, in one pose or in all between two."""
     shape = inspector.GetShape(geometry)
     if len(X_LGs) == 1 and isinstance(shape, (Sphere, Capsule, Cylinder)):
@@ -202,7 +211,7 @@ def _cover(inspector: SceneGraphInspector, geometry: GeometryId, X_LGs: list[Arr
     box = bounding_box(swept)
     return [
         (X_LGs[0][:3, :3] @ (c + box.p_GB) + X_LGs[0][:3, 3], r, part)
-        for c, r, part in box_cover(2 * box.half, TUNING.overhang)
+        for c, r, part in box_cover(2 * box.half, TUNING.overhang if len(X_LGs) == 1 else fingers)
     ]
 
 

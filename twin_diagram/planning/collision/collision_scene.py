@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.planning.collision.ball_cover import TUNING as COVER
 from twin_diagram.planning.collision.ball_cover import arm_balls, arm_plant
 from twin_diagram.planning.collision.chain import Chain, depths
 from twin_diagram.planning.collision.clearance import Clearance, Surroundings
@@ -180,6 +181,7 @@ def load_scene(
     fixtures: Sequence[scenario.Fixture],
     library: Mapping[str, Asset],
     packages: Mapping[str, str | Path] | None = None,
+    fingers: float = COVER.overhang,
 ) -> Scene:
     """Read everything that the planner must know about shapes.
 
@@ -188,6 +190,7 @@ def load_scene(
         fixtures: what stands still.
         library: the known objects by name; the order is that of the tracks.
         packages: local folders for `package://` names.
+        fingers: how far the arm's balls may reach beyond what moves with the gripper's joints [m].
 
     Raises:
         ModelError: see `ball_cover`, `geometry_to_solids` and `chain`.
@@ -195,7 +198,7 @@ def load_scene(
     plant, scene_graph, arm, keep_alive = arm_plant(spec, packages)
     depth = depths(plant, arm.joint_indices)
     chain = Chain.from_plant(plant, arm.joint_indices, arm.tool_frame)
-    balls = arm_balls(plant, scene_graph, arm, depth)
+    balls = arm_balls(plant, scene_graph, arm, depth, fingers)
     del keep_alive
     bodies = [Body.of(name, solids) for name, solids in fixture_solids(fixtures, packages) if solids]
     fixture_count = len(bodies)

@@ -42,7 +42,16 @@ class Tuning:
     """Pixels of the smallest thing: 1.5 cm square from 0.9 m."""
 
     noise: float = 0.001
-    """Standard deviation of depth in the bin [m]."""
+    """Standard deviation of depth in the bin at the least [m]; it is that of the bottom in the picture."""
+
+    certain: float = 4.0
+    """Standard deviations over the bottom from which a point is a thing's, and from point to point a step."""
+
+    bottom: float = 0.02
+    """Within which of the bottom's height its points are looked for [m]."""
+
+    few: int = 1000
+    """Fewer points of the bottom do not tell its noise."""
 
     gap: float = 0.012
     """Step in depth at which one thing ends and another begins [m]."""
@@ -87,12 +96,6 @@ class Tuning:
     smooth: float = 1.5
     """σ with which an outline is smoothed for its normals [cells]."""
 
-    off_walls: float = 0.003
-    """By which they count as nearer than they are [m]: the arm sags by two millimetres, and calibration is off."""
-
-    walls: float = 0.008
-    """Distance between points that stand for the bin's walls [m]."""
-
 
 TUNING = Tuning()
 
@@ -135,9 +138,12 @@ def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> l
     """
     points = picture.points()
     inside = (points[..., :2] > low[:2] + TUNING.beside).all(-1) & (points[..., :2] < high[:2] - TUNING.beside).all(-1)
-    mask = inside & (points[..., 2] > low[2] + TUNING.above) & (picture.depth > 0)
+    there = inside & (picture.depth > 0)
+    noise = bottom_noise(points[there][:, 2] - low[2])
+    above, gap = max(TUNING.above, TUNING.certain * noise), max(TUNING.gap, TUNING.certain * noise)
     depth = np.where(picture.depth > 0, picture.depth, 0).astype(np.float32)
-    label, count = part(depth, mask, 1.0 / picture.camera.fx, TUNING.noise, TUNING.gap, TUNING.least)
+    mask = there & (points[..., 2] > low[2] + above)
+    label, count = part(depth, mask, 1.0 / picture.camera.fx, noise, gap, TUNING.least)
     view = make_view(picture.camera, picture.depth, reach=1)
     normals = view.normals @ picture.camera.R_WC.T
     rng = np.random.default_rng(seed)
@@ -152,6 +158,15 @@ def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> l
             own = np.where(bare[:, None], estimated_normals(points[at], picture.camera.p_WC), own)
         found.append(SeenThing(points[at], own, rows, picture.camera.p_WC))
     return sorted(found, key=lambda thing: -thing.top)
+
+
+def bottom_noise(heights: Array) -> float:
+    """Return the standard deviation of depth [m], by heights (N,) over a bottom of what is seen there and upon it [m].
+
+    It is told by what lies below the bottom: above it there are things.
+    """
+    below = -heights[(heights < 0.0) & (heights > -TUNING.bottom)]
+    return max(TUNING.noise, 1.4826 * float(np.median(below))) if len(below) >= TUNING.few else TUNING.noise
 
 
 def grasps_of_thing(
@@ -254,20 +269,6 @@ def guessed_sides(thing: SeenThing, floor: float) -> tuple[Array, Array]:
     if not points:
         return np.zeros((0, 3)), np.zeros((0, 3))
     return np.vstack(points), np.vstack(normals)
-
-
-def wall_points(low: Array, high: Array, thickness: float = 0.008) -> Array:
-    """Return points (N, 3) on the walls of a bin with this inside [m], which its fingers keep clear of."""
-    z = np.arange(low[2], high[2] + 1e-9, TUNING.walls)
-    found = []
-    for axis in (0, 1):
-        along = np.arange(low[1 - axis], high[1 - axis], TUNING.walls)
-        for at in (low[axis] + TUNING.off_walls - thickness / 2, high[axis] - TUNING.off_walls + thickness / 2):
-            a, b = np.meshgrid(along, z)
-            wall = np.zeros((a.size, 3))
-            wall[:, axis], wall[:, 1 - axis], wall[:, 2] = at, a.ravel(), b.ravel()
-            found.append(wall)
-    return np.concatenate(found)
 
 
 def downward(grasps: Grasps) -> Array:

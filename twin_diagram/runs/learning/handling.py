@@ -21,7 +21,6 @@ from twin_diagram.runs.learning.bin_view import (
     downward,
     grasps_of_thing,
     things_within,
-    wall_points,
     why_not,
 )
 from twin_diagram.runs.learning.camera_check import KnownFaces
@@ -29,6 +28,7 @@ from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
 from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
+from twin_diagram.runs.learning.in_the_way import in_the_way
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
@@ -36,6 +36,7 @@ from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.seen_map import Boxes, SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
+from twin_diagram.runs.learning.steady_picture import steady_picture
 from twin_diagram.runs.learning.weighing import Slipping, slipped, swing_empty, swing_held, write_swung
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
@@ -147,11 +148,10 @@ def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Pi
             f"the arm cannot go home to look into the bin: {why}; check twin.home and what stands about"
         ) from why
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
-    picture = tools.cell.look(tools.learning.bin_camera)
+    picture = steady_picture(tools.cell, tools.learning.bin_camera)
     things = things_within(picture, low, high)
     gone = np.array([place[:3] for place in given_up]).reshape(-1, 3)
-    kept = [t for t in things if not len(gone) or np.linalg.norm(gone - t.middle, axis=1).min() > TUNING.same_place]
-    return picture, kept
+    return picture, [t for t in things if (np.linalg.norm(gone - t.middle, axis=1) > TUNING.same_place).all()]
 
 
 def go_home(tools: Tools) -> None:
@@ -170,21 +170,21 @@ def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: i
         attempt: number of the try, from 0.
     """
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
-    tools.mover.stand("bin", [thing.points, *(other.points for other in others if other is not thing)], float(low[2]))
-    beside = [wall_points(low, high)] + [other.points[:800] for other in others if other is not thing]
-    floor = float(low[2]) + TUNING.floor
-    grasps = grasps_of_thing(thing, tools.gripper, floor, np.concatenate(beside), attempt)
-    order = downward(grasps)
-    if not len(order):
-        return Picked(thing, why=why_not(thing, tools.gripper, grasps), tries=attempt)
-    order = np.roll(order, -2 * attempt)
-    reach = reach_of(tools.mover, tools.cell, grasps, order.tolist())
-    if reach is None:
-        return Picked(thing, why="out of reach", tries=attempt)
+    rest = [other.points for other in others if other is not thing]
+    tools.mover.stand("bin", [thing.points, *rest], float(low[2]))
+    for beside in in_the_way(low, high, rest):
+        grasps = grasps_of_thing(thing, tools.gripper, float(low[2]) + TUNING.floor, beside, attempt)
+        order = downward(grasps)
+        why = "out of reach" if len(order) else why_not(thing, tools.gripper, grasps)
+        reach = reach_of(tools.mover, tools.cell, grasps, np.roll(order, -2 * attempt).tolist())
+        if reach is not None:
+            break
+    else:
+        return Picked(thing, why=why, tries=attempt)
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return Picked(thing, why="the fingers held nothing", tries=attempt + 1)
-    tools.mover.stand("bin", [other.points for other in others if other is not thing], float(low[2]))
+    tools.mover.stand("bin", rest, float(low[2]))
     tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
     return Picked(thing, taken, tries=attempt + 1)
 

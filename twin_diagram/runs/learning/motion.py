@@ -31,6 +31,10 @@ class Tuning:
     close: float = 0.002
     """Kept where a stage goes near on purpose [m]: the cover by balls stands out as much again."""
 
+    fingers: float = 0.006
+    """How far balls reach beyond fingers where a stage goes near on purpose [m]; elsewhere 13 mm, with a third of the
+    balls. What is held by its lower half could not be set down with those: tips seemed to stand in the bottom."""
+
     own: float = 0.005
     """Kept by the arm from itself [m]."""
 
@@ -128,6 +132,7 @@ class Mover:
     def __init__(self, twin: Twin, packages: dict[str, str], speed_limits: Array, seed: int = 0) -> None:
         """Read the shapes of ``twin.arm`` and ``twin.fixtures``."""
         self.scene: Scene = load_scene(twin.arm, twin.fixtures, {}, packages)
+        self._close: Scene = load_scene(twin.arm, twin.fixtures, {}, packages, TUNING.fingers)
         self.speed = TUNING.speed_share * speed_limits
         self._rng = np.random.default_rng(seed)
         bound = np.full(self.scene.chain.size, 3.05)
@@ -202,8 +207,11 @@ class Mover:
         return np.asarray((near[:, :-1] >= wanted).all(axis=1) & (near[:, -1] >= TUNING.own))
 
     def bare_free(self, q: Array, clearance: float, *, standing: bool = False) -> bool:
-        """Return whether the arm alone, without what it holds, keeps a distance [m] at joint angles (M, n)."""
-        kept, self._carrying = self._carrying, self.scene
+        """Return whether the arm alone, without what it holds, keeps a distance [m] at joint angles (M, n).
+
+        Its fingers are covered more closely than elsewhere, wherever they may be between open and shut.
+        """
+        kept, self._carrying = self._carrying, self._close
         try:
             return bool(self.free(q, clearance, standing=standing).all())
         finally:

@@ -154,9 +154,10 @@ def lift_line(mover: Mover, q: Array) -> Array | None:
 
 
 def back_out(mover: Mover, cell: Cell, reach: Reach) -> None:
-    """Open the fingers and go back the way that was come."""
+    """Open the fingers, go back the way that was come, and up: what was pushed may lean where nothing was before."""
     cell.grip(1.0)
     go(cell, mover.timed_line(reach.line[::-1], TUNING.slow * 2.0))
+    lift(mover, cell)
 
 
 def go(cell: Cell, motion: TimedPath) -> None:

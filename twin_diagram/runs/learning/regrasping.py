@@ -15,6 +15,7 @@ from twin_diagram.runs.learning.following import Followed, register
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
 from twin_diagram.runs.learning.setting_down import downwards, hull_sides, pose_over, turned
+from twin_diagram.runs.learning.steady_picture import steady_picture
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -110,7 +111,8 @@ def on_platform(cell: Cell, learning: Learning) -> SeenThing | None:
     """Return what the scanning camera sees on the platform, the largest; None: nothing."""
     low, high = (np.array(corner) for corner in learning.platform)
     box = np.array([*(low[:2] - TUNING.around), high[2]]), np.array([*(high[:2] + TUNING.around), high[2] + 0.3])
-    return max(things_within(cell.look(learning.scan_camera), *box), key=lambda thing: len(thing.points), default=None)
+    things = things_within(steady_picture(cell, learning.scan_camera), *box)
+    return max(things, key=lambda thing: len(thing.points), default=None)
 
 
 def other_grasps(seen: Followed, X_WS: Array, gripper: Gripper, floor: float, seed: int) -> Grasps:

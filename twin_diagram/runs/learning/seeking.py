@@ -15,6 +15,7 @@ from twin_diagram.runs.learning.handling import TUNING as HANDLING
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
 from twin_diagram.runs.learning.setting_down import PutDown
+from twin_diagram.runs.learning.steady_picture import steady_picture
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,10 @@ class Sought:
 
 def seek(tools: Tools, standing: Sequence[PutDown]) -> tuple[Sought, Picture]:
     """Look for something on the platform and before it, take it, and put it away beside what stands there."""
-    picture = tools.cell.look(tools.learning.scan_camera)
+    picture = steady_picture(tools.cell, tools.learning.scan_camera)
     thing, why = None, ""
     for attempt in range(tools.learning.tries):
-        picture = tools.cell.look(tools.learning.scan_camera)
+        picture = steady_picture(tools.cell, tools.learning.scan_camera)
         found = fallen(tools, picture)
         if found is None:
             return Sought("nothing lies on the platform or before it" if thing is None else why, thing), picture

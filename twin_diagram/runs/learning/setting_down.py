@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from twin_diagram.runs.learning.cell import RELEASE, Cell
+from twin_diagram.runs.learning.motion import TUNING as MOTION
 from twin_diagram.runs.learning.motion import Mover, NoWay, cloud_cells, pose
 from twin_diagram.runs.learning.picking import go
 from twin_diagram.signals.arrays import Array
@@ -37,8 +38,9 @@ class Tuning:
     speed: float = 0.08
     """Of the way down [m/s]."""
 
-    retreat: float = 0.10
-    """Back along the approach after the fingers are open [m]."""
+    retreats: tuple[float, ...] = (0.10, 0.15, 0.20, 0.06)
+    """Back along the approach, or up, after the fingers are open [m]: the first that leads away from everything. After
+    10 cm tips that let go of something low beside a wall are no higher than it."""
 
     spot: float = 0.02
     """Between places in the bin that are tried [m]."""
@@ -283,19 +285,26 @@ def release(mover: Mover, cell: Cell, line: Array, back: Array) -> Array:
 def way_back(mover: Mover, q: Array) -> Array:
     """Return the line (W, n) from joint angles (n,) away from what was set down: along the approach, or upwards.
 
+    It ends where there is room to go on from, if any does.
+
     Raises:
         NoWay: each is barred.
     """
-    X = mover.tool(q)
+    X, spare = mover.tool(q), None
     for direction in (-X[:3, 2], np.array([0.0, 0.0, 1.0])):
-        for back in (TUNING.retreat, 0.6 * TUNING.retreat):
+        for back in TUNING.retreats:
             away = X.copy()
             away[:3, 3] += back * direction
             with contextlib.suppress(NoWay):
                 line = mover.line(q, away)
-                if mover.bare_free(line, TUNING.grazing):
+                if not mover.bare_free(line, TUNING.grazing):
+                    continue
+                if mover.bare_free(line[-1:], MOTION.clearance):
                     return line
-    raise NoWay("no way back from where it would be set down")
+                spare = line if spare is None else spare
+    if spare is None:
+        raise NoWay("no way back from where it would be set down")
+    return spare
 
 
 def places_in(low: Array, high: Array, standing: Sequence[PutDown], points_T: Array, R_WT: Array) -> list[Array]:

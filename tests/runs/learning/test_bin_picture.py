@@ -1,0 +1,58 @@
+"""What a noisy picture of a bin shows, and what several in a row make of its noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from twin_diagram.logs.frames.view_camera import ViewCamera
+from twin_diagram.runs.learning.bin_view import TUNING, bottom_noise, things_within
+from twin_diagram.runs.learning.cell import Picture
+from twin_diagram.runs.learning.steady_picture import middle_depth
+
+HEIGHT, LOW, HIGH = 0.95, np.array([-0.15, -0.2, 0.0]), np.array([0.15, 0.2, 0.12])
+CAMERA = ViewCamera(
+    width=320, height=240, fx=300.0, fy=300.0, cx=159.5, cy=119.5, R_WC=np.diag([1.0, -1.0, -1.0]),
+    p_WC=np.array([0.0, 0.0, HEIGHT]),
+)  # fmt: skip
+
+
+def looked(noise: float, seed: int = 0) -> np.ndarray:
+    """Depth of a bin's bottom with a box of 6 x 8 x 5 cm on it, noisy in patches as stereo cameras are [m]."""
+    rng = np.random.default_rng(seed)
+    rays = CAMERA.rays()[..., :2]
+    top = (np.abs(rays * (HEIGHT - 0.05)) <= [0.03, 0.04]).all(axis=-1)
+    patches = ndimage.gaussian_filter(rng.normal(size=rays.shape[:2]), 1.5)
+    return np.asarray(np.where(top, HEIGHT - 0.05, HEIGHT) + noise * patches / patches.std(), dtype=np.float32)
+
+
+def picture(depth: np.ndarray) -> Picture:
+    return Picture(np.zeros((240, 320, 3), dtype=np.uint8), depth, CAMERA, 0.0, np.zeros(7), np.zeros(2))
+
+
+def test_noise_of_the_bottom_makes_no_things() -> None:
+    for noise in (0.0003, 0.0015, 0.003):
+        depth = looked(noise)
+        heights = picture(depth).points()[..., 2].ravel()
+        np.testing.assert_allclose(bottom_noise(heights), max(TUNING.noise, noise), rtol=0.1)
+        things = things_within(picture(depth), LOW, HIGH)
+        assert len(things) == 1
+        np.testing.assert_allclose(things[0].middle[:2], 0.0, atol=0.005)
+        np.testing.assert_allclose(things[0].top, 0.05, atol=0.004 + 2.0 * noise)
+
+
+def test_where_the_bottom_is_covered_its_noise_is_the_least_one() -> None:
+    assert bottom_noise(np.full(5000, 0.03)) == TUNING.noise
+    assert bottom_noise(np.full(100, -0.005)) == TUNING.noise
+
+
+def test_the_middle_of_several_pictures_is_less_noisy_and_has_no_depth_where_most_have_none() -> None:
+    depths = np.stack([looked(0.002, seed) for seed in range(5)])
+    depths[:2, 0, 0] = 0.0
+    depths[:3, 0, 1] = 0.0
+    depths[4, 0, 2] = 0.3  # a pixel between two surfaces, once
+    middle = middle_depth(depths)
+    assert middle.dtype == np.float32
+    assert middle[0, 0] == np.sort(depths[:, 0, 0])[3] and middle[0, 1] == 0.0 and middle[0, 2] > 0.9
+    assert np.std(middle[1:60] - HEIGHT) < 0.6 * 0.002
+    np.testing.assert_array_equal(middle_depth(depths[:1]), depths[0])

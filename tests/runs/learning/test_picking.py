@@ -1,0 +1,55 @@
+"""What the arm does about a grasp: here where it holds nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin_diagram.runs.learning.motion import Mover, pointing, pose
+from twin_diagram.runs.learning.picking import TUNING, Reach, take
+from twin_diagram.scenario.file import load_scenario
+from twin_diagram.signals.arrays import Array
+
+
+class EmptyFingers:
+    """A cell in which fingers meet nothing; it is where it was told to go."""
+
+    def __init__(self, q: Array) -> None:
+        self.commanded = self.q = q
+        self.opening, self.gone = 0.11, [q]
+
+    def grip(self, opened: float, seconds: float = 0.7) -> float:
+        self.opening = 0.11 * opened
+        return self.opening
+
+    def wait(self, seconds: float) -> None: ...
+
+    def about(self, phase: str, place: Array) -> EmptyFingers:
+        return self
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *of: object) -> None: ...
+
+    def follow(self, times: Array, q: Array) -> None:
+        self.gone += list(q)
+        self.commanded = self.q = q[-1]
+
+
+def test_from_where_it_held_nothing_the_hand_goes_back_and_up() -> None:
+    twin = load_scenario("bin_picking").twin
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)
+    approach = np.array([0.3, 0.0, -1.0]) / np.hypot(0.3, 1.0)
+    X_WT = pose(pointing(approach, np.array([0.0, 1.0, 0.0])), np.array([0.42, -0.36, 0.05]))
+    before = X_WT.copy()
+    before[:3, 3] -= TUNING.retreat * approach
+    start = mover.goals(before, home)[0]
+    reach = Reach(0, X_WT, mover.path(home, start[None]), mover.line(start, X_WT, TUNING.grazing))
+    cell = EmptyFingers(home)
+    assert take(mover, cell, reach) is None  # type: ignore[arg-type]
+    tips = np.array([mover.tool(q)[:3, 3] for q in cell.gone])
+    deepest = int(np.argmin(tips[:, 2]))
+    np.testing.assert_allclose(tips[deepest], X_WT[:3, 3], atol=1e-3)
+    turning = deepest + int(np.argmin(np.linalg.norm(tips[deepest:] - before[:3, 3], axis=1)))
+    np.testing.assert_allclose(tips[turning], before[:3, 3], atol=1e-3)
+    np.testing.assert_allclose(tips[-1, :2], before[:2, 3], atol=2e-3)
+    assert tips[-1, 2] > before[2, 3] + TUNING.least_lift - 1e-3 and cell.opening > 0.1
