@@ -37,7 +37,11 @@ def test_the_torques_side_goes_along(tmp_path: Path) -> None:
     assert not Model.load(iiwa).arm.link_side
 
 
-@pytest.mark.parametrize("text", ["[]", "remainder: {a: many}", "remainder: [1]", "links: [[a]]", "links: [1]", "a: ["])
+@pytest.mark.parametrize(
+    "text",
+    ["[]", "remainder: {a: many}", "remainder: {a: .nan}", "remainder: [1]", "links: [[a]]", "links: [1]", "a: [",
+     "links: [[.inf]]"],
+)  # fmt: skip
 def test_a_file_that_cannot_be_read_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / STANDING_FILE).write_text(text)
     with pytest.raises(ModelError, match=STANDING_FILE):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from dataclasses import asdict, dataclass, field, replace
@@ -77,6 +78,9 @@ def standing_of(model: str | Path) -> CorrectedStanding:
         links = [[float(x) for x in row] for row in said.get("links", [])]
         side, established = said.get("torque_side", "motor"), bool(said.get("established", True))
         standing = CorrectedStanding(side, established, remainder, links)
+        for number in (*remainder.values(), *(x for row in links for x in row)):
+            if not math.isfinite(number):
+                raise ValueError(f"{number} is not finite")
     except (yaml.YAMLError, AttributeError, ValueError, TypeError, OSError) as error:
         raise ModelError(f"{path}: {str(error).splitlines()[0]}") from error
     if standing.torque_side not in TORQUE_SIDES:
