@@ -269,6 +269,7 @@ def test_the_ghosts_are_translucent_and_the_real_scene_is_not(page: Browser) -> 
 
 
 def test_goal_plan_and_uncertainty_are_drawn(page: Browser) -> None:
+    page.run("viewer.animator.seek(viewer.animator.duration)")  # at its beginning there is neither goal nor plan
     visible = "viewer.scene_tree.find(['drake', 'overlay', {}]).object.visible"
     assert page.run(visible.format("'goal'")) and page.run(visible.format("'plan'"))
     shown = page.run(
