@@ -155,6 +155,28 @@ def test_looked_through_is_outside_and_never_seen_is_inside() -> None:
     np.testing.assert_allclose(field.distance[front], p[front][:, 2] - 0.02, atol=3e-4)
 
 
+def test_rays_beside_edges_do_not_hollow_what_most_views_show_to_be_full() -> None:
+    # Three of sixty views have a gap where the box's middle is, as narrow as edges are unsure.
+    middle = np.array([0, 0, 0.02])
+    views = []
+    for frame in shots([box((0.06, 0.05, 0.04))], cameras(60, 0.02), masked=True).frames:
+        camera, depth, mask = frame.camera, frame.depth.copy(), frame.mask
+        assert mask is not None
+        if frame.number % 20 == 7:
+            x, y, z = camera.R_WC.T @ (middle - camera.p_WC)
+            u, v = round(camera.fx * x / z + camera.cx), round(camera.fy * y / z + camera.cy)
+            gap = np.s_[v - 4 : v + 5, u - 4 : u + 5]
+            depth[gap], mask = 0.9, mask.copy()
+            mask[gap] = False
+        views.append(make_view(camera, depth, mask, reach=6))
+    grid = FusionGrid.around(np.array([-0.03, -0.025, 0]), np.array([0.03, 0.025, 0.04]), 0.0015, 0.01)
+    field = fuse(views, grid, 0.0005)
+    half = (np.abs(grid.points() - middle) - [0.03, 0.025, 0.02]).max(axis=-1)
+    above = grid.points()[..., 2] > 0.004  # below is the table's
+    assert (field.distance[(half < -0.004) & above] < 0).all()
+    assert (field.distance[(half > 0.004) & above] > 0).mean() > 0.99
+
+
 def test_masks_choose_one_of_two(tmp_path: Path) -> None:
     bodies = [box((0.04, 0.03, 0.03)), box((0.03, 0.03, 0.03), (0.07, 0.02))]
     views = cameras(8, 0.015)
