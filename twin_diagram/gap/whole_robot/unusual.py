@@ -255,6 +255,9 @@ def recentred(problem: RobotProblem, z: Array, terms: Terms, last: int) -> tuple
     if nearer is None or nearer.size != candidate.size:
         return problem, z
     moved = with_candidate(problem, nearer, last)
+    if nearer.name == GravityTilt.name:
+        roll, pitch = (float(x) for x in z[problem.place(newest)])
+        moved = replace(moved, sums=moved.sums.on_base((roll, pitch)))
     return moved, solve(moved, None, z)
 
 
