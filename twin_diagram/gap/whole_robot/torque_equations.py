@@ -198,7 +198,11 @@ def equations(records: Records) -> TorqueEquations:
     """
     records = coarser(records)
     kept = [_thinned(records, record) for record in records.records]
-    records = replace(records, records=tuple(replace(r, kept=k) for r, k in zip(records.records, kept, strict=True)))
+    # Candidates' columns are reduced by the records, and must hold no more of a band than the residual does.
+    same = [
+        replace(r, kept=k, compared=DIFFERENTIATION.residual_cutoff) for r, k in zip(records.records, kept, strict=True)
+    ]
+    records = replace(records, records=tuple(same))
     terms = Terms(records, given_load(records), slow_speed(records))
     weights = stiction.sliding(records, terms, range(records.n))
     columns = np.concatenate(
