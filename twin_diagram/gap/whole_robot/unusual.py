@@ -18,6 +18,7 @@ from twin_diagram.gap.residuals.regressors import Terms, slow_speed
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.beside_the_usual import EVIDENT, rise_beside_the_usual
 from twin_diagram.gap.whole_robot.beside_the_usual import TUNING as BESIDE
+from twin_diagram.gap.whole_robot.colour_of_noise import quietest, whitened
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
@@ -321,31 +322,6 @@ def least(candidate: Candidate) -> float:
     if candidate.onset is not None:
         return TUNING.event
     return TUNING.common if candidate.name in COMMON else TUNING.gain
-
-
-def between(problem: RobotProblem, after: RobotProblem) -> RobotProblem:
-    """Return the problem with the colour of noise half-way to that beside something more.
-
-    Colour that a candidate takes away was no noise if it is there, and was if it is not.
-    """
-    return replace(problem, share=np.sqrt(problem.share * np.maximum(problem.share, after.share)))
-
-
-def whitened(problem: RobotProblem, after: RobotProblem, candidate: Candidate) -> RobotProblem:
-    """Return the problem with the colour of noise by which a candidate is judged.
-
-    Args:
-        problem: without it.
-        after: with it, and the noise that is left.
-        candidate: what is judged. A push alone lets a joint's residual hang together over all of its span: that is no
-            noise, which went on before and after it.
-    """
-    return between(problem, after) if candidate.onset is None else quietest(problem, after)
-
-
-def quietest(problem: RobotProblem, after: RobotProblem) -> RobotProblem:
-    """Return the problem with the colour of noise that is less, its own or that beside something more."""
-    return replace(problem, share=np.maximum(problem.share, after.share))
 
 
 def price(candidate: Candidate) -> float:
