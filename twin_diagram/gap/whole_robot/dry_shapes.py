@@ -42,7 +42,7 @@ class Tuning:
 
     speedy: float = 6.0
     """Rise of the log likelihood of all motion, left out by no fit, that a shape with a speed must bring, too [nats]:
-    what does not explain the motion that is fitted may still spoil other motion less, by what it makes of links. On 88
+    what does not explain the motion that is fitted may still spoil other motion less, by what it makes of links. On 90
     arms of `sims/benchmarks/gap_whole_robots.py --quick` (seeds 60150 to 60188, 60240 to 60288 and 300100 to 300138)
     what was neither such friction nor bristles brought up to 4, but up to 86 of left-out motion; nine of twelve joints
     with such friction that bring 3 of the latter bring 7 and more."""
