@@ -149,6 +149,7 @@ class Learner:
         """Return a picture of the bin, what is to be taken next, and all that lies there; None: nothing is left."""
         if self.state.finished:
             return None
+        handling.keep_clear(self.tools, self._standing())  # a run that goes on begins over the last one put away
         picture, things = handling.look_into_bin(self.tools, self.state.given_up)
         if not things and self.state.given_up and self._taken:
             # What was in the way may be gone: what was given up has another chance.
@@ -162,7 +163,6 @@ class Learner:
         """Try to take a thing, and do with it all that is to be done."""
         name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
         picked = Picked(thing)
-        handling.keep_clear(self.tools, self._standing())
         for attempt in range(self.tools.learning.tries):
             with self._stage(name, "pick") as told:
                 picked = handling.pick(self.tools, thing, things, attempt)

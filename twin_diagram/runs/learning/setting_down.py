@@ -248,7 +248,8 @@ def set_down(
                     line = mover.line(q_above, X)
                     if not mover.bare_free(line, TUNING.grazing, standing=True):
                         raise NoWay("something is in the way of setting it down")
-                    back = way_back(mover, line[-1])
+                    with mover.as_if(points_T @ X[:3, :3].T + X[:3, 3], float(place[2])):
+                        back = way_back(mover, line[-1])
                     way = mover.path(cell.commanded, line[:1])
                 except NoWay as why:
                     last = why
@@ -285,7 +286,7 @@ def release(mover: Mover, cell: Cell, line: Array, back: Array) -> Array:
 def way_back(mover: Mover, q: Array) -> Array:
     """Return the line (W, n) from joint angles (n,) away from what was set down: along the approach, or upwards.
 
-    It ends where there is room to go on from, if any does.
+    It ends where there is room to go on from, beside what stands there too, if any does.
 
     Raises:
         NoWay: each is barred.
@@ -299,7 +300,7 @@ def way_back(mover: Mover, q: Array) -> Array:
                 line = mover.line(q, away)
                 if not mover.bare_free(line, TUNING.grazing):
                     continue
-                if mover.bare_free(line[-1:], MOTION.clearance):
+                if mover.bare_free(line[-1:], MOTION.clearance, standing=True):
                     return line
                 spare = line if spare is None else spare
     if spare is None:
