@@ -39,6 +39,7 @@ class ArmDoubt:
         delay: by which all torques are logged later than the motion that they belong to [s].
         hand: mass [kg], first moment [kg·m] and inertia [kg·m²] of the hand.
         pose: of the object in the hand: along [m] and about [rad] each axis; in each run of its own.
+        creep: by how much it moves steadily in the hand from a run's begin to its end [m], [rad].
     """
 
     gain: float = 0.02
@@ -52,6 +53,7 @@ class ArmDoubt:
     delay: float = 5e-3
     hand: tuple[float, float, float] = (2e-3, 2e-4, 5e-6)
     pose: tuple[float, float] = (5e-4, 2e-3)
+    creep: tuple[float, float] = (0.0, 0.0)
 
     @staticmethod
     def of_side(torque_side: str) -> ArmDoubt:
@@ -127,7 +129,10 @@ def fit_torques(
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where unknowns stand: per joint gain and `COLUMNS`; per log and joint drift; delay; hand; poses; object."""
+    """Where unknowns stand: per joint gain and `COLUMNS`; per log and joint drift; delay; hand; poses; object.
+
+    A pose has twelve: by how much it is off half-way, and from there to the end.
+    """
 
     joints: int
     logs: int
@@ -155,7 +160,7 @@ class _Layout:
 
     @property
     def size(self) -> int:
-        return self.pose + 6 * self.grasps + 10
+        return self.pose + 12 * self.grasps + 10
 
     def prior(self, doubt: ArmDoubt) -> Array:
         """Return (size,) information known beforehand; none of the object."""
@@ -166,7 +171,7 @@ class _Layout:
             *[doubt.drift] * (self.logs * self.joints),
             doubt.delay,
             *[mass, *[moment] * 3, *[inertia] * 6],
-            *[*[doubt.pose[0]] * 3, *[doubt.pose[1]] * 3] * self.grasps,
+            *np.repeat([*doubt.pose, *(0.5 * way for way in doubt.creep)], 3).tolist() * self.grasps,
         ]
         return np.concatenate([1.0 / np.maximum(np.array(std), 1e-12) ** 2, np.zeros(10)])
 
@@ -190,7 +195,8 @@ def _design(runs: Sequence[TorqueRun], k: int, gain: Array, parameters: Array, l
         A[j, :, layout.hand : layout.pose] = Y
         if run.held is not None:
             grasp = sum(earlier.held is not None for earlier in runs[:k])
-            A[j, :, layout.pose + 6 * grasp : layout.pose + 6 * (grasp + 1)] = Y @ turned
+            off, first = Y @ turned, layout.pose + 12 * grasp
+            A[j, :, first : first + 12] = np.hstack([off, np.linspace(-1.0, 1.0, samples)[:, None] * off])
             A[j, :, -10:] = Y @ to_hand
     # (1 + γ)(arm + Yφ) ≈ arm + γ (arm + Yφ₀) + (1 + γ₀) Yφ − γ₀ Yφ₀
     shift = gain * (rigid - run.arm)
