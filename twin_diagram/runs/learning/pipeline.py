@@ -91,7 +91,6 @@ class Learner:
         self._jobs = ShapeJobs()
         self._begun, self._handled = time.monotonic(), 0
         self._left = 0
-        self._taken = 0
         self._made: list[Done] = []
         self._in_bin = True
 
@@ -151,9 +150,9 @@ class Learner:
             return None
         handling.keep_clear(self.tools, self._standing())  # a run that goes on begins over the last one put away
         picture, things = handling.look_into_bin(self.tools, self.state.given_up)
-        if not things and self.state.given_up and self._taken:
+        if not things and self.state.given_up and self.state.taken:
             # What was in the way may be gone: what was given up has another chance.
-            self._taken, self.state.given_up = 0, []
+            self.state.taken, self.state.given_up = 0, []
             self.state.learned = [one for one in self.state.learned if one.state != "reported"]
             picture, things = handling.look_into_bin(self.tools, [])
         self._left = len(things)
@@ -217,7 +216,7 @@ class Learner:
         elif not shown.followed.shown:
             one.state = "failed"
         if one.standing:
-            self._taken += 1
+            self.state.taken += 1
             self.state.failed_at = []
         else:
             self._note_failure(one, picked.thing.middle)
