@@ -59,7 +59,7 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     cell = SimpleNamespace(time=0.0, snapshot=dict, look=lambda name: PICTURE, wait=lambda seconds: None)
     taken = Taken(np.eye(4), 0.05, 0)
     monkeypatch.setattr(handling, "look_into_bin", bin_.look)
-    monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt: Picked(one, taken))
+    monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt, failed: Picked(one, taken))
     monkeypatch.setattr(handling, "show_first", bin_.show)
     monkeypatch.setattr(handling, "let_go", bin_.let_go)
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)

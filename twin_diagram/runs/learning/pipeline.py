@@ -161,11 +161,12 @@ class Learner:
     def _handle(self, picture: Picture, thing: SeenThing, things: list[SeenThing]) -> None:
         """Try to take a thing, and do with it all that is to be done."""
         name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
-        picked = Picked(thing)
+        picked, failed = Picked(thing), list[Array]()
         for attempt in range(self.tools.learning.tries):
             with self._stage(name, "pick") as told:
-                picked = handling.pick(self.tools, thing, things, attempt)
+                picked = handling.pick(self.tools, thing, things, attempt, failed)
                 told["outcome"] = "taken" if picked.taken else picked.why
+                failed += [] if picked.failed is None else [picked.failed]
             if picked.taken is not None:
                 break
             picture, things = handling.look_into_bin(self.tools, self.state.given_up)
