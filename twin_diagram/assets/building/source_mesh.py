@@ -78,7 +78,7 @@ class Beside:
             inside = False
         if not inside:
             self.problem = AssetError(
-                f"{self._mesh}: names {name!r}, which lies outside of the mesh's folder; copy it there, named without a path"
+                f"{self._mesh}: names {name!r}, which lies outside of the mesh's folder; copy it there, named by itself"
             )
             raise self.problem
         if not path.is_file():
