@@ -50,13 +50,17 @@ def dae() -> bytes:
     <asset><unit name="cm" meter="0.01"/><up_axis>Z_UP</up_axis></asset>
     <library_geometries><geometry id="box"><mesh>
       <source id="p"><float_array id="pa" count="24">{numbers}</float_array>
-        <technique_common><accessor source="#pa" count="8" stride="3"/></technique_common></source>
+        <technique_common><accessor source="#pa" count="8" stride="3"><param name="X" type="float"/>
+        <param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+      <source id="n"><float_array id="na" count="3">0 0 1</float_array>
+        <technique_common><accessor source="#na" count="1" stride="3"><param name="X" type="float"/>
+        <param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
       <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
       <polylist count="6"><input semantic="VERTEX" source="#v" offset="0"/>
         <input semantic="NORMAL" source="#n" offset="1"/><vcount>4 4 4 4 4 4</vcount><p>{corners}</p></polylist>
     </mesh></geometry></library_geometries>
     <library_visual_scenes><visual_scene id="s"><node id="a"><translate>0 0 100</translate>
-      <node id="b"><rotate>0 0 2 90</rotate><instance_geometry url="#box"/></node></node></visual_scene>
+      <node id="b"><rotate>0 0 1 90</rotate><instance_geometry url="#box"/></node></node></visual_scene>
     </library_visual_scenes></COLLADA>""".encode()
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import re
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -51,7 +50,7 @@ def as_obj(path: Path) -> Path:
 def _corners(path: Path, content: bytes) -> Array:
     try:
         corners = collada.corners(content) if path.suffix.lower() == ".dae" else stl_corners(content)
-    except (ElementTree.ParseError, ValueError, IndexError, KeyError) as error:
+    except ValueError as error:
         raise ModelError(f"{path}: not a mesh that can be read: {' '.join(str(error).split())}") from error
     if not len(corners):
         raise ModelError(f"{path}: the mesh has no triangles")
