@@ -113,8 +113,10 @@ def explained(
         if not told and whole is None and taking_over.is_noise(given, logs, verdict.noise_floor):
             fewer = replace(fewer, verdict="none")
         verdict, corrected, _ = _corrected(given, logs, held, fewer, records, say)
-    notes += more
-    return Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
+    answer = Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
+    if answer.whole is None:
+        notes += more  # of a search that is not the answer nothing is said
+    return answer
 
 
 def links_told(standing: corrected_folder.CorrectedStanding, given: Model) -> Array | None:
