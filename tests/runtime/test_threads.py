@@ -18,8 +18,8 @@ import twin_diagram
 from tests.small_loop import BLIND, small_scenario
 from twin_diagram import cli
 from twin_diagram.runs import run_scenario
+from twin_diagram.runtime import child_process
 from twin_diagram.runtime.threads import free_pools, one_thread, one_thread_variables
-from twin_diagram.twin.healing import gap_process
 
 NAMES = (
     "OMP_NUM_THREADS",
@@ -106,9 +106,9 @@ def test_a_run_of_the_library_leaves_the_users_threads(free: None, monkeypatch: 
 
 
 def test_the_search_beside_a_run_takes_the_users_word(free: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert gap_process._environment()["OPENBLAS_NUM_THREADS"] == "1"
+    assert child_process.environment()["OPENBLAS_NUM_THREADS"] == "1"
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    environment = gap_process._environment()
+    environment = child_process.environment()
     assert environment["OMP_NUM_THREADS"] == "3" and "OPENBLAS_NUM_THREADS" not in environment
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import queue
 import signal
@@ -11,11 +10,10 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, Final
 
-from twin_diagram.runtime.threads import one_thread_variables
+from twin_diagram.runtime.child_process import end, environment
 from twin_diagram.runtime.worker import receive, send
 
 
@@ -55,15 +53,13 @@ class WorkerProcess:
         """
         self._answered, self._failed = answered, failed
         self._told = TemporaryFile()
-        here = str(Path(__file__).resolve().parents[2])
-        path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
         # Not multiprocessing, which would run the user's own script once more.
         self.process = subprocess.Popen(
             WORKER,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._told,
-            env={**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ), **IMAGE_THREADS},
+            env={**environment(), **IMAGE_THREADS},
             start_new_session=True,  # a terminal's signal is for the run, which ends the worker
         )
         self._asked: queue.Queue[bytes | None] = queue.Queue()
@@ -78,16 +74,7 @@ class WorkerProcess:
         """End the process, which has so long to do so by itself [s]."""
         self._ended = True
         self._asked.put(None)
-        assert self.process.stdin is not None
-        try:
-            self.process.stdin.close()
-        except OSError:
-            pass
-        try:
-            self.process.wait(grace)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+        end(self.process, grace)
 
     def _serve(self, answering: bytes) -> None:
         """Carry questions over and answers back, one at a time; in a thread of its own."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import time
 from pathlib import Path
 
+import pytest
+
+from twin_diagram.runs.learning import shape_jobs
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import SHAPE
 
@@ -39,12 +41,15 @@ def test_one_that_takes_too_long_is_ended(tmp_path: Path) -> None:
     assert found.why == "the reconstruction took more than 0.05 s"
 
 
-def test_one_that_has_ended_is_not_late_because_nobody_looked(tmp_path: Path) -> None:
-    jobs = ShapeJobs(longest=5.0)
+def test_one_that_has_ended_is_not_late_because_nobody_looked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shape_jobs, "WORKER", (sys.executable, "-c", ""))
+    jobs = ShapeJobs(longest=0.05)
+    jobs.add("object_01", tmp_path)
+    jobs.poll()
+    assert jobs._running is not None
     (tmp_path / SHAPE).write_text("a shape")
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
-    jobs._running = ("object_01", tmp_path, process, time.monotonic() - 60.0)
+    jobs._running._process.wait()
+    time.sleep(0.05)
     assert jobs.poll() == [Done("object_01", None)]
 
 
@@ -53,6 +58,6 @@ def test_closing_ends_what_runs(tmp_path: Path) -> None:
     jobs.add("object_01", tmp_path)
     jobs.poll()
     assert jobs._running is not None
-    process = jobs._running[2]
+    process = jobs._running._process
     jobs.close()
     assert process.poll() is not None and not jobs.pending

@@ -17,7 +17,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from twin_diagram.errors import AssetError, ScenarioError, StationError
-from twin_diagram.model.effects import REGISTRY
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import (
     ArmDefects,
@@ -403,8 +402,6 @@ def test_sensor_defects_are_as_told() -> None:
 
 
 def test_encoder_offset_is_seen_by_the_encoders_and_not_by_the_truth() -> None:
-    if "encoder_offset" not in REGISTRY:
-        pytest.skip("the catalogue has no encoder_offset yet")
     offset = EffectSpec("encoder_offset", JOINTS[:1], parameters={"offset": [0.01]})
     run = Run(arm_alone(arm=ArmModel(effects=[offset]))).to(1.0)
     assert abs(run[ports.POSITION_MEASURED][0] - run[ports.ARM_STATE][0] - 0.01) < 1e-4

@@ -27,13 +27,13 @@ from twin_diagram.model.description.corrected_folder import CorrectedStanding, s
 from twin_diagram.model.model import Model
 from twin_diagram.runs.run import replay_scenario, run_scenario
 from twin_diagram.runs.run_folder import EVENTS
+from twin_diagram.runtime import child_process
 from twin_diagram.scenario import ArmModel, EffectSpec, Healing, Scenario
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.layouts import NEVER, AlarmKind
 from twin_diagram.station import ports
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 from twin_diagram.twin.healing import GapProcess, Healer, Tape, gap_process, sentence
-from twin_diagram.twin.healing.gap_process import why_it_failed
 from twin_diagram.twin.healing.healer import smaller
 from twin_diagram.twin.twin import TwinDiagram
 
@@ -180,11 +180,11 @@ def test_a_crash_is_told_in_one_line(
 
 def test_a_process_that_does_not_end_is_ended(given: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     child(monkeypatch, "import time; time.sleep(1000)")
-    monkeypatch.setattr(gap_process, "TUNING", replace(gap_process.TUNING, grace=0.1))
+    monkeypatch.setattr(child_process, "TUNING", replace(child_process.TUNING, grace=0.1))
     search = begin(given, tmp_path)
     assert search.poll() is None and search.wait(0.05) is None
     search.stop()
-    assert ended(search._process.pid)
+    assert ended(search.pid)
     search.stop()
 
 
@@ -217,7 +217,7 @@ def test_it_ends_with_the_one_that_started_it(given: Model, tmp_path: Path) -> N
         model = Model.load({str(tmp_path / "given")!r})
         log = Log(np.arange(3.0), model.joints, position=np.zeros((3, 6)), torque=np.zeros((3, 6)))
         search = process.GapProcess(model, log, log, Path({str(tmp_path / "search")!r}))
-        print(search._process.pid, flush=True)
+        print(search.pid, flush=True)
         os._exit(9)
     """
     done = subprocess.run(
@@ -225,20 +225,13 @@ def test_it_ends_with_the_one_that_started_it(given: Model, tmp_path: Path) -> N
         capture_output=True,
         text=True,
         check=False,
-        env=gap_process._environment(),
+        env=child_process.environment(),
     )
     assert done.returncode == 9, done.stderr
     pid, deadline = int(done.stdout), time.monotonic() + 60.0
     while not ended(pid) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert ended(pid)
-
-
-def test_the_last_line_that_says_what() -> None:
-    told = "reading\nTraceback (most recent call last):\n  File x\n    y()\nValueError: bad\n  note\n"
-    assert why_it_failed(1, told) == "the search ended with status 1: ValueError: bad"
-    assert why_it_failed(2, "RuntimeWarning: …\nfit.npz: too short\n") == "fit.npz: too short"
-    assert "Segmentation fault" in why_it_failed(-11, told)
 
 
 # The healer, in a running loop.
@@ -464,13 +457,13 @@ def test_a_search_that_takes_too_long_is_stopped(
     loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     child(monkeypatch, "import time; time.sleep(1000)")
-    monkeypatch.setattr(gap_process, "TUNING", replace(gap_process.TUNING, grace=0.1))
+    monkeypatch.setattr(child_process, "TUNING", replace(child_process.TUNING, grace=0.1))
     run = Run(loop, tmp_path / "searches", patience=0.3)
     run.go(0.3)
     run.alarm()
     run.go(1.05)
     assert run.healer._search is not None
-    pid = run.healer._search._process.pid
+    pid = run.healer._search.pid
     run.go(1.2)
     assert run.names() == ["alarm", "gap_started", "gap_stopped"] and "within 0.3 s" in run.events[-1]["why"]
     assert ended(pid)
@@ -481,14 +474,14 @@ def test_the_run_ends_before_the_search_does(
     loop: tuple[ClosedLoop, Tape], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     child(monkeypatch, "import time; time.sleep(1000)")
-    monkeypatch.setattr(gap_process, "TUNING", replace(gap_process.TUNING, grace=0.1))
+    monkeypatch.setattr(child_process, "TUNING", replace(child_process.TUNING, grace=0.1))
     run = Run(loop, tmp_path / "searches")
     with run.healer:
         run.go(0.3)
         run.alarm()
         run.go(1.0)
         assert run.healer._search is not None
-        pid = run.healer._search._process.pid
+        pid = run.healer._search.pid
     assert run.names()[-1] == "gap_stopped" and run.events[-1]["time"] == pytest.approx(1.0)
     assert ended(pid)
 

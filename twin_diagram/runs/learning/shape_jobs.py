@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from twin_diagram.runs.learning.shape_worker import SHAPE
+from twin_diagram.runtime.child_process import BAD_INPUT, ChildProcess
+
+WORKER: Final = (sys.executable, "-m", "twin_diagram.runs.learning.shape_worker")
+"""The command that makes a shape in a process of its own."""
+TOLD: Final = "shape.log"
+"""In the folder: what the process said."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,21 @@ class Done:
     why: str | None
 
 
+class ShapeProcess(ChildProcess[Done]):
+    """One reconstruction, of the frames in an object's folder."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        """Start the process; `name`: of the object, `folder`: where its frames are and its shape appears."""
+        self.name, self.folder = name, folder
+        super().__init__([*WORKER, str(folder)], folder / TOLD)
+
+    def _read(self, status: int) -> Done:
+        if status == 0 and (self.folder / SHAPE).is_file():
+            return Done(self.name, None)
+        why = self.why_it_failed("the reconstruction", status)
+        return Done(self.name, f"the reconstruction failed: {why}" if status == BAD_INPUT else why)
+
+
 class ShapeJobs:
     """A queue of reconstructions."""
 
@@ -38,12 +57,12 @@ class ShapeJobs:
         """`longest`: that one may take [s]."""
         self._longest = longest
         self._waiting: list[tuple[str, Path]] = []
-        self._running: tuple[str, Path, subprocess.Popen[bytes], float] | None = None
+        self._running: ShapeProcess | None = None
 
     @property
     def pending(self) -> list[str]:
         """Names of what is under way or waits."""
-        now = [self._running[0]] if self._running else []
+        now = [self._running.name] if self._running else []
         return now + [name for name, _ in self._waiting]
 
     def add(self, name: str, folder: Path) -> None:
@@ -54,44 +73,20 @@ class ShapeJobs:
         """Start what waits, and return what has ended since the last call."""
         done: list[Done] = []
         if self._running is not None:
-            name, folder, process, begun = self._running
+            ended = self._running.poll()
             # What has ended in time is not late because nobody looked for a while.
-            late = process.poll() is None and time.monotonic() - begun > self._longest
-            if late:
-                process.kill()
-                process.wait()
-            if process.poll() is not None:
+            if ended is None and self._running.age > self._longest:
+                self._running.stop()
+                ended = Done(self._running.name, f"the reconstruction took more than {self._longest:g} s")
+            if ended is not None:
                 self._running = None
-                done.append(Done(name, self._why(folder, process, late)))
+                done.append(ended)
         if self._running is None and self._waiting:
-            name, folder = self._waiting.pop(0)
-            self._running = (name, folder, self._start(folder), time.monotonic())
+            self._running = ShapeProcess(*self._waiting.pop(0))
         return done
-
-    def _start(self, folder: Path) -> subprocess.Popen[bytes]:
-        with (folder / "shape.log").open("wb") as log:
-            return subprocess.Popen(
-                [sys.executable, "-m", "twin_diagram.runs.learning.shape_worker", str(folder)],
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-
-    def _why(self, folder: Path, process: subprocess.Popen[bytes], late: bool) -> str | None:
-        if late:
-            return f"the reconstruction took more than {self._longest:g} s"
-        if process.returncode == 0 and (folder / SHAPE).is_file():
-            return None
-        lines = (folder / "shape.log").read_text(errors="replace").strip().splitlines()
-        said = lines[-1] if lines else f"exit status {process.returncode}"
-        return f"the reconstruction failed: {said}"
 
     def close(self) -> None:
         """End what runs."""
         if self._running is not None:
-            process = self._running[2]
-            process.kill()
-            with contextlib.suppress(OSError, subprocess.TimeoutExpired):
-                process.wait(timeout=2.0)
+            self._running.stop()
         self._running, self._waiting = None, []

@@ -7,9 +7,7 @@ when its standard input ends, so does it, whichever way the other ended.
 from __future__ import annotations
 
 import io
-import os
 import sys
-import threading
 from pathlib import Path
 from typing import Final
 
@@ -19,14 +17,13 @@ from twin_diagram.assets.building.backends import ColouredSurface, ShapeBackend,
 from twin_diagram.errors import TwinError
 from twin_diagram.logs.frames.transforms_folder import TransformsFolder
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.child_process import BAD_INPUT, end_with_starter
 from twin_diagram.runtime.threads import one_thread
 
 FRAMES: Final = "frames"
 """Folder of the posed pictures, as Nerfstudio has them."""
 SHAPE: Final = "shape.npz"
 """What comes out."""
-ORPHANED: Final = 3
-"""Exit status where the starter is gone."""
 
 
 def make_shape(folder: Path, backend: ShapeBackend | None = None) -> ColouredSurface:
@@ -58,21 +55,14 @@ def read_shape(folder: Path) -> ColouredSurface:
 
 def main(folder: Path) -> int:
     """Run as a process of its own."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_starter()
     try:
         with one_thread():
             make_shape(folder)
     except TwinError as error:
         print(" ".join(str(error).split()), file=sys.stderr)
-        return 2
+        return BAD_INPUT
     return 0
-
-
-def _end_with_parent() -> None:
-    # Not through sys.stdin: whoever holds its lock when the interpreter ends brings it down.
-    while os.read(0, 4096):
-        pass
-    os._exit(ORPHANED)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,11 @@ from __future__ import annotations
 import json
 import os
 import sys
-import threading
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.child_process import BAD_INPUT, end_with_starter
 
 PICTURES: Final = "pictures.npz"
 """In the folder: the growth."""
@@ -23,23 +22,9 @@ ANSWER: Final = "grown.json"
 """In the folder, once the asset is whole: `folder`, `R_TO`, `p_TO`, `size`, `volume`, `notes`."""
 
 
-@dataclass(frozen=True)
-class Tuning:
-    """Constants of this module, with their units and what set them."""
-
-    bad_input: int = 2
-    """Exit status where the pictures make no asset, as of the command line."""
-
-    orphaned: int = 3
-    """Exit status where the starter is gone."""
-
-
-TUNING = Tuning()
-
-
 def main(folder: Path) -> int:
     """Build the asset as asked; the answer appears in the folder once it is whole."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_starter()
     request = json.loads((folder / REQUEST).read_text(encoding="utf-8"))
     if hasattr(os, "nice"):
         os.nice(request["nice"])
@@ -51,7 +36,7 @@ def main(folder: Path) -> int:
         grown = read_growth(folder / PICTURES).grown(AssetPlace(request["name"], request["library"]))
     except TwinError as error:
         print(" ".join(str(error).split()), file=sys.stderr)
-        return TUNING.bad_input
+        return BAD_INPUT
     built = grown.built
     answer = {
         "folder": str(built.folder),
@@ -63,13 +48,6 @@ def main(folder: Path) -> int:
     }
     atomic_file.write(folder / ANSWER, json.dumps(answer, indent=2))
     return 0
-
-
-def _end_with_parent() -> None:
-    # Not through sys.stdin: whoever holds its lock when the interpreter ends brings it down.
-    while os.read(0, 4096):
-        pass
-    os._exit(TUNING.orphaned)
 
 
 if __name__ == "__main__":
