@@ -16,6 +16,7 @@ from twin_diagram.perception.registration.colour_votes import TUNING, colour_cos
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.naming import Naming
 from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.recognition import looks_like_itself
 from twin_diagram.perception.registration.registration import RegisteredPose, register
@@ -142,6 +143,15 @@ def test_where_colours_do_not_tell_a_pose_stays(box: Known) -> None:
     left = unmistaken(box, view, one)
     assert left.R is one.R and left.p is one.p
     assert left.odds == TURNED.unsaid
+
+
+def test_what_is_turned_back_keeps_its_name(box: Known) -> None:
+    thing = standing(box)
+    view = seen([thing])
+    turned = register(box.model, view.frame, thing.R @ np.diag([-1.0, -1.0, 1.0]), thing.p, PARAMS)
+    after = unmistaken(box, view, replace(turned, named=Naming(-0.4, 1), by_shape=False))
+    assert np.trace(after.R.T @ thing.R) > 2.9, "it is turned back"
+    assert after.named == Naming(-0.4, 1) and after.by_shape is False
 
 
 def test_a_pose_that_colours_tell_is_sure_with_the_second_image_and_stays_so(box: Known) -> None:
