@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,6 +103,28 @@ def csv(count: int = 20, **columns: object) -> str:
     return "\n".join([",".join(names), *rows]) + "\n"
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: "# " + text,
+        lambda text: text.replace("\n", ",\n"),
+        lambda text: text.replace("\n", ",mode,,\n", 1).replace("1.0\n", "1.0,RUN,,\n"),
+    ],
+    ids=[
+        "names behind #, as NumPy writes them",
+        "a comma at each line's end",
+        "words in columns of no signal",
+    ],
+)
+def test_what_other_loggers_write_beside_the_format(tmp_path: Path, change: Callable[[str], str]) -> None:
+    (tmp_path / "plain.csv").write_text(csv())
+    (tmp_path / "other.csv").write_text(change(csv()))
+    plain, other = (read_log(tmp_path / name) for name in ("plain.csv", "other.csv"))
+    assert other.joints == plain.joints
+    for attribute in ("time", "position", "torque"):
+        np.testing.assert_array_equal(getattr(other, attribute), getattr(plain, attribute))
+
+
 def changed(values: list[object], index: int, value: object) -> list[object]:
     values[index] = value
     return values
@@ -126,6 +149,7 @@ BAD_TEXT = {
     r"line 6 has 0 cell\(s\)": csv().replace("0.04,0.4,1.0", ""),
     "column 'time' is there 2 times": csv().replace("position_measured.a", "time"),
     "semicolons": csv().replace(",", ";"),
+    "separated by tabs": csv().replace(",", "\t"),
     "has torque_measured.b but no position_measured.b": csv(**{"torque_measured.b": ONES}),
     "has torque_measured of other joints, but no torque_measured.b": csv(
         **{"position_measured.b": ONES, "torque_commanded.b": ONES, "torque_commanded.a": ONES}

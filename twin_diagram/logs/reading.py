@@ -198,7 +198,9 @@ def _check_time(time: Array, source: str, where: Callable[[int], str]) -> None:
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Return the columns of a CSV file of numbers with one line of names.
+    """Return the columns of a CSV file of numbers with one line of names, which may begin with `#`.
+
+    What is no number in a column that the log format does not know is NaN.
 
     The file is read piece by piece: a log of ten minutes at 5 kHz is half a gigabyte of text.
     """
@@ -207,13 +209,14 @@ def read_columns(path: Path) -> dict[str, Array]:
             head = file.readline()
     except UnicodeDecodeError as error:
         raise _no_text(path) from error
-    names = [name.strip() for name in next(csv.reader([head]), [])]
+    names = [name.strip() for name in next(csv.reader([head.lstrip("# ")]), [])]
     if not any(names):
         raise LogError(f"{path}: is empty; its first line must name the columns")
-    if len(names) == 1 and ";" in head:
-        raise LogError(f"{path}: columns are separated by semicolons; a .csv log uses commas")
+    for mark, called in ((";", "semicolons"), ("\t", "tabs")):
+        if len(names) == 1 and mark in head.strip():
+            raise LogError(f"{path}: columns are separated by {called}; a .csv log uses commas")
     for name in names:
-        if names.count(name) > 1:
+        if name and names.count(name) > 1:
             raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")
     table = _quickly(path, len(names))
     if table is None:
@@ -286,6 +289,7 @@ def _numbers_of(cells: Sequence[str], path: Path, name: str) -> Array:
 def _slowly(path: Path, names: Sequence[str]) -> Array:
     """Read cell by cell: quoted cells and blank lines at the end pass, anything else is named."""
     cells = array("d")
+    known = [name == "time" or name.partition(".")[0] in (*SIGNALS, CURRENT) for name in names]
     blank: list[tuple[int, int]] = []
     try:
         with path.open(encoding="utf-8-sig") as file:
@@ -302,7 +306,8 @@ def _slowly(path: Path, names: Sequence[str]) -> Array:
                 if blank:
                     raise LogError(f"{path}: line {blank[0][0] + 2}: {names[0]} is empty")
                 cells.extend(
-                    _number(cell, f"{path}: line {k + 2}: {name}") for name, cell in zip(names, row, strict=True)
+                    _number(cell, f"{path}: line {k + 2}: {name}") if counts else _number_or_none(cell)
+                    for name, cell, counts in zip(names, row, known, strict=True)
                 )
     except UnicodeDecodeError as error:
         raise _no_text(path) from error
@@ -317,6 +322,13 @@ def _number(cell: str, where: str) -> float:
     except ValueError:
         shown = "is empty" if not cell.strip() else f"is {cell.strip()[:40]!r}, not a number"
         raise LogError(f"{where} {shown}") from None
+
+
+def _number_or_none(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
 
 
 def _read_npz(path: Path) -> dict[str, Array]:

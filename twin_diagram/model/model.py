@@ -27,7 +27,7 @@ from twin_diagram.errors import ModelError
 from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.description.add_arm import Arm, add_arm
-from twin_diagram.model.dynamics import rigid_changes
+from twin_diagram.model.dynamics import has_mass, rigid_changes
 from twin_diagram.model.dynamics.onsets import epochs, shifted
 from twin_diagram.model.dynamics.torque_law import TorqueLaw
 from twin_diagram.model.effects import Effect, make, spec_of
@@ -133,7 +133,9 @@ class Model:
             plant.Finalize()
         except RuntimeError as error:
             raise ModelError(f"{arm.spec.model}: {str(error).splitlines()[0]}") from error
-        return Model(plant, arm, effects)
+        model = Model(plant, arm, effects)
+        has_mass.check(arm.spec.model, model.joints, model.calls.mass)
+        return model
 
     def for_run(self, mark: str) -> Model:
         """Return the model as it holds for one run: each effect as `timing.in_run` says.

@@ -13,6 +13,7 @@ from pydrake.multibody.tree import Joint
 from twin_diagram import scenario
 from twin_diagram.errors import TwinError
 from twin_diagram.model.description.add_arm import Arm, add_arm
+from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Forecast, load_scene
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
@@ -91,6 +92,7 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None) -
         ModelError: it cannot be read, or has no joint to drive.
     """
     spec = scenario.ArmModel(model=str(arm), tool_frame="")
+    Model.load(spec, packages)  # refuses what a run would refuse
     plant = MultibodyPlant(0.0)
     added = add_arm(plant, spec, packages)
     last = plant.get_body(added.last_link)

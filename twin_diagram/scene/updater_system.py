@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Final, cast
 
 import numpy as np
@@ -28,6 +29,7 @@ from twin_diagram.signals.calibration_error import (
 )
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement
+from twin_diagram.signals.lens import Lens
 from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE, carried
 
 
@@ -342,10 +344,15 @@ class SceneGraphUpdater(LeafSystem):
 
     def _sight(self, poses: Array) -> tuple[Array, Array, float, float]:
         """Return where poses (R, 7) are in the camera's frame (R, 3), its axes in W, and its focal lengths."""
+        lens, p_WC, R_WC = self._told_of_camera
+        return (poses[:, 4:] - p_WC) @ R_WC, R_WC, lens.fx, lens.fy
+
+    @cached_property
+    def _told_of_camera(self) -> tuple[Lens, Array, Array]:
+        """The camera's lens for colours, and where it is told to be and how it is turned in W."""
         assert self._camera is not None
-        lens, X_WC = colour_lens(self._camera), pose(self._camera.X_WC)
-        R_WC = X_WC.rotation().matrix()
-        return (poses[:, 4:] - X_WC.translation()) @ R_WC, R_WC, lens.fx, lens.fy
+        X_WC = pose(self._camera.X_WC)
+        return colour_lens(self._camera), X_WC.translation().copy(), X_WC.rotation().matrix().copy()
 
     @timing.timed("SceneGraphUpdater")
     def _calc_positions(self, context: Context, output: BasicVector) -> None:

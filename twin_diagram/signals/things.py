@@ -85,7 +85,9 @@ class Thing:
     def unpack(vector: Array) -> Thing:
         """Return the inverse of `pack`; copies."""
         rows = vector[14:THING_SIZE].reshape(PIECES, PIECE_SIZE)
-        pieces = tuple(row[1 : 1 + 3 * int(row[0])].reshape(-1, 3).copy() for row in rows if row[0] > 0)
+        # Most slots are free, and those that are not have few pieces.
+        some = rows[rows[:, 0] > 0]
+        pieces = tuple(row[1 : 1 + 3 * int(row[0])].reshape(-1, 3).copy() for row in some)
         status = ObjectStatus(int(vector[1]))
         middle, velocity, shift = vector[4:7].copy(), vector[_VELOCITY].copy(), vector[_SHIFT].copy()
         times = float(vector[2]), float(vector[3])

@@ -12,6 +12,7 @@ from pydrake.multibody.tree import JointIndex, ModelInstanceIndex, RigidBody, We
 
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.description import foreign
 from twin_diagram.scenario import Pose, Scenario, poses
 from twin_diagram.scenario.resources import resolve
 
@@ -56,7 +57,7 @@ def add_model(plant: MultibodyPlant, name: str, packages: Mapping[str, str], mod
     if path.is_dir():
         raise ModelError(f"{model}: {path} is a folder, not a model's description")
     try:
-        instances = list(_parser(plant, packages, name).AddModels(path))
+        instances = list(foreign.add_models(_parser(plant, packages, name), path))
     except RuntimeError as error:
         raise ModelError(f"{path}: {' '.join(str(error).split())}") from error
     if not instances:

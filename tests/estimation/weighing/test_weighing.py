@@ -25,8 +25,9 @@ from twin_diagram.estimation.weighing import (
     torque_fit,
     weigh,
 )
+from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.estimation.weighing.torque_data import hand_change, read_run
-from twin_diagram.estimation.weighing.torque_fit import by_pose
+from twin_diagram.estimation.weighing.torque_fit import by_pose, doubted
 from twin_diagram.estimation.weighing.weighing import VERDICTS, verdict
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model import Model
@@ -72,6 +73,61 @@ def test_gains_that_are_taken_for_right_spoil_the_moments(
     moments = np.linalg.eigvalsh(about_centre(off_centre)[2])
     assert abs(found.mass / off_centre[0] - 1.0) > 0.005
     assert np.max(np.abs(found.moments / moments - 1.0)) > 0.03
+
+
+def test_what_creeps_in_the_hand_is_found_where_that_is_told(
+    both: tuple[Log, Log],
+    iiwa_link: Model,
+    excitation: Excitation,
+    X_TO: RigidTransform,
+    box: Shape,
+    off_centre: np.ndarray,
+) -> None:
+    """By 6 mm and 1.7° in all, evenly."""
+    moments = np.linalg.eigvalsh(about_centre(off_centre)[2])
+    _, (q, v, a) = excitation.sampled(200.0)
+    way = np.linspace(-1.0, 1.0, len(q))[:, None]
+    crept = by_pose(off_centre) @ [0.002, -0.001, 0.002, 0.01, 0.01, -0.005]
+    extra = way * (Held.in_tool(iiwa_link, X_TO).regressor(iiwa_link, q, v, a) @ crept)
+    assert both[0].torque is not None
+    moved = replace(both[0], torque=both[0].torque + (1.0 + GAIN) * extra)
+    off = []
+    for creep in ((0.0, 0.0), (0.006, 0.03)):
+        runs = [LoadedRun(moved, X_TO)], [EmptyRun(both[1])]
+        found = weigh(iiwa_link, *runs, ShapePrior.none(box), "link", replace(ArmDoubt(), creep=creep))
+        off.append(float(np.abs(found.moments / moments - 1.0).max()))
+    assert off[1] < 0.03 and off[0] > 5.0 * off[1], off
+
+
+def test_speeds_that_are_late_are_found(
+    iiwa_link: Model, excitation: Excitation, X_TO: RigidTransform, box: Shape, off_centre: np.ndarray
+) -> None:
+    """As in what moves in steps: terms of speed are those of half a step earlier."""
+    time, (q, v, a) = excitation.sampled(200.0)
+    logs = []
+    for loaded in (True, False):
+        late = v - 0.00125 * a
+        torque = iiwa_link.inverse_dynamics(q, late, a) + 0.3 * v
+        if loaded:
+            torque = torque + Held.in_tool(iiwa_link, X_TO).regressor(iiwa_link, q, late, a) @ off_centre
+        logs.append(Log(time, iiwa_link.joints, q, torque=torque))
+    moments, residual = np.linalg.eigvalsh(about_centre(off_centre)[2]), []
+    for lag in (0.0, 2e-3):
+        runs = [LoadedRun(logs[0], X_TO)], [EmptyRun(logs[1])]
+        found = weigh(iiwa_link, *runs, ShapePrior.none(box), "link", replace(ArmDoubt(), lag=lag))
+        residual.append(float(found.noise.max()))
+    assert residual[1] < 0.1 * residual[0], residual
+    np.testing.assert_allclose(found.moments, moments, rtol=0.03)
+
+
+def test_a_doubted_mass_takes_information_away_as_added_variance_does() -> None:
+    root = np.random.default_rng(0).normal(size=(10, 10))
+    matrix, truth = root @ root.T, np.arange(1.0, 11.0)
+    told, right = doubted(matrix, matrix @ truth, 0.3)
+    variance = np.linalg.inv(matrix)
+    variance[0, 0] += 0.09
+    np.testing.assert_allclose(np.linalg.inv(told), variance, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.solve(told, right), truth, rtol=1e-6)
 
 
 def test_motor_side_torques_tell_as_much(

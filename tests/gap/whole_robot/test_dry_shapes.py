@@ -112,3 +112,11 @@ def test_a_change_with_speed_that_noise_all_but_hides_is_not_told(monkeypatch: p
     assert not any(shape.speed for shape in fitted(records)[0].sums.shapes)
     monkeypatch.setattr(dry_shapes, "TUNING", replace(dry_shapes.TUNING, speedy=4.0))
     assert any(shape.speed for shape in fitted(records)[0].sums.shapes)
+
+
+def test_what_does_not_explain_motion_that_is_fitted_is_no_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Left-out motion likes it by what it makes of links, and that is chance."""
+    law = everywhere("stribeck_friction", coulomb=LEVEL, static=0.3 * LEVEL, stribeck_velocity=SPEED)
+    records = noisy(ARM, ARM.with_effects([law]), 10.0)
+    monkeypatch.setattr(dry_shapes, "explained", lambda problem, z: np.zeros(problem.n))
+    assert not any(shape.speed for shape in fitted(records)[0].sums.shapes)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from tests.gap.made import ARM, record, swing
+from tests.gap.made import ARM, ELBOW, effect, record, swing
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot.torque_equations import equations, kinds_of_motion
 
@@ -23,6 +25,27 @@ def test_sums_say_what_a_difference_leaves() -> None:
     squares = np.einsum("jk,sjkl,jl->j", full, sums.sums, full)
     np.testing.assert_allclose(np.sum(sums.left(difference) ** 2, axis=0), squares, rtol=1e-9)
     np.testing.assert_allclose(np.sum(sums.counts, axis=0), np.sum(sums.weights, axis=0))
+
+
+def test_what_links_weigh_beyond_the_description_pulls_aside_on_a_tilted_base() -> None:
+    """Nothing else does: such columns span what a link that is off adds to a tilted arm's torque, level ones do not."""
+    tilt = effect("gravity_tilt", roll=0.15, pitch=-0.1)
+    heavier = effect("inertial_parameters", links=["forearm_link"], mass=1.5, com=[0.0, 0.03, 0.02])
+    time, q, v, a = swing(4.0)
+    more = [ARM.with_effects(some).inverse_dynamics(q, v, a, time=time) for some in ([tilt], [tilt, heavier])]
+    made = record(ARM, time, q, v, a)
+    level = equations(Records(ARM, (replace(made, torque=made.given + more[1] - more[0]),)))
+    tilted = level.on_base((0.15, -0.1))
+    left = []
+    for sums in (level, tilted):
+        links, residual = (
+            sums.columns[:, :, 10 * ELBOW : 10 * ELBOW + 10].reshape(-1, 10),
+            sums.columns[:, :, -1].ravel(),
+        )
+        best = np.linalg.lstsq(links, residual, rcond=None)[0]
+        left.append(np.linalg.norm(residual - links @ best) / np.linalg.norm(residual))
+    assert left[1] < 1e-6 < 0.02 < left[0]
+    np.testing.assert_allclose(tilted.with_further([]).whole, level.whole, atol=1e-9 * np.max(level.whole))
 
 
 def test_a_motion_that_comes_back_is_of_the_same_kind() -> None:

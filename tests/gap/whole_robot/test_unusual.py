@@ -70,6 +70,16 @@ def test_motors_that_are_off_do_not_hide_a_payload() -> None:
     assert loaded(calm, solve(calm)) is None
 
 
+@pytest.mark.parametrize("gain", [0.96, 0.8])
+def test_a_gain_is_drawn_to_one_unless_it_is_no_tolerance(gain: float) -> None:
+    start = problem(effect("torque_constant", joints=["shoulder_lift_joint"], gain=gain))
+    found = unusual(start, solve(start), ARM, ("torque_constant",))
+    (candidate,) = found.sums.further
+    told = candidate.parameters(solve(found)[found.place(0)], np.eye(1))["gain"][0]
+    assert told == pytest.approx(gain, abs=0.01)
+    assert np.all(candidate.spread > 0.1) == (gain < 0.9)
+
+
 def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> None:
     start = problem(TILT)
     found = unusual(start, solve(start), ARM)

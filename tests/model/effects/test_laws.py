@@ -72,6 +72,19 @@ def test_friction_against_its_formulas() -> None:
                 assert friction == pytest.approx(c * abs(passed))
 
 
+def test_friction_that_is_even_is_the_same_whatever_the_motion() -> None:
+    """What goes by `Effect.even` works it out once."""
+    figures: dict[str, dict[str, list[float]]] = {
+        "coulomb_friction": {"torque": [2.0]},
+        "stribeck_friction": {"coulomb": [1.0], "static": [3.0], "stribeck_velocity": [0.5]},
+        "load_dependent_friction": {"coefficient": [0.2]},
+    }
+    for name, parameters in figures.items():
+        effect = made(name, ["b"], **parameters)
+        bounds = effect.friction_level(ARM, Q, V, TAU)
+        assert effect.even == all(np.ptp(bound, axis=0).max() == 0.0 for bound in bounds), name
+
+
 def test_coupled_friction_is_on_the_sum_of_speeds() -> None:
     effect = made("coupled_friction", ["a", "c"], damping=[2.0], torque=[3.0])
     total = V[:, 0] + V[:, 2]

@@ -9,7 +9,17 @@ import pytest
 
 from tests.planning.tasks.small_world import BOX, COVARIANCE, DOWN, TICK, SmallWorld, pose, step
 from twin_diagram.planning.tasks.step_ends import TUNING
-from twin_diagram.planning.tasks.step_state import NOTE_FIELDS, Note, Phase, TaskOutcome, TaskState, Why
+from twin_diagram.planning.tasks.step_state import (
+    NOTE_FIELDS,
+    OPENED,
+    OUTCOME,
+    TOLD,
+    Note,
+    Phase,
+    TaskOutcome,
+    TaskState,
+    Why,
+)
 from twin_diagram.planning.tasks.step_view import Takeable
 from twin_diagram.signals import rotations
 from twin_diagram.signals.hand import NOTHING
@@ -422,3 +432,9 @@ def test_the_state_is_a_vector_and_back() -> None:
             np.testing.assert_array_equal(other.pack(), value.pack())
         else:
             np.testing.assert_array_equal(other, value)
+    packed, state = world.state.pack(), world.state
+    said = {"goal": state.goal, "gripper_force_limit": [state.force], "step": [state.step], "notes": state.notes}
+    for port, value in (said | {"hand": state.hand.pack()}).items():
+        np.testing.assert_array_equal(packed[TOLD[port]], value)
+    assert packed[OPENED] == state.opened
+    assert packed[list(OUTCOME)].tolist() == [state.outcome, state.why, state.phase]

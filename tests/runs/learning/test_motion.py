@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from twin_diagram.runs.learning.motion import TUNING as MOTION
-from twin_diagram.runs.learning.motion import Mover, cloud_cells, columns, pointing, pose, timed
+from twin_diagram.runs.learning.motion import Mover, NoWay, cloud_cells, columns, pointing, pose, timed
 from twin_diagram.runs.learning.setting_down import TUNING as SETTING_DOWN
-from twin_diagram.runs.learning.setting_down import way_back
+from twin_diagram.runs.learning.setting_down import line_down, way_back
 from twin_diagram.scenario.file import load_scenario
 
 SPEED = np.array([1.0, 0.5])
@@ -84,3 +86,57 @@ def test_what_is_held_low_can_be_set_down_in_a_bin_and_the_way_back_leads_over_i
         assert not mover.free(line, SETTING_DOWN.grazing).all(), "with fewer balls tips stand in the bottom"
         back = way_back(mover, line[-1])
         assert mover.bare_free(back, SETTING_DOWN.grazing) and mover.bare_free(back[-1:], MOTION.clearance)
+
+
+def test_the_way_back_leads_over_what_was_set_down() -> None:
+    """A box of 17.5 cm held by its middle: after 10 cm the tips were still beside its upper end."""
+    twin = load_scenario("bin_picking").twin
+    assert twin.learning is not None
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)
+    low, high = (np.array(corner) for corner in twin.learning.into_bin)
+    R_WT = pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]))
+    down = pose(R_WT, np.array([*(low + high)[:2] / 2, 0.09]))
+    q = mover.goals(down + np.outer([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.2]), home)[0]
+    q = mover.line(q, down)[-1]
+    box = np.random.default_rng(0).uniform([-0.02, -0.03, low[2]], [0.02, 0.03, low[2] + 0.175], (3000, 3))
+    with mover.as_if(box + [*down[:2, 3], 0.0], float(low[2])):
+        end = way_back(mover, q)[-1:]
+        assert mover.bare_free(end, MOTION.clearance, standing=True)
+    assert mover.tool(end[0])[2, 3] > 0.22 and mover.free(end, MOTION.clearance)[0]
+
+
+def test_an_end_beside_something_lets_no_way_lead_through_another_thing() -> None:
+    twin = load_scenario("bin_picking").twin
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)
+    goal = home + np.array([1.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    some = np.random.default_rng(0).uniform(-0.02, 0.02, (300, 3))
+    beside, between = mover.tool(home)[:3, 3] + some, mover.tool(0.5 * (home + goal))[:3, 3] + some
+    mover.stand("there", [beside, between], float(between[:, 2].min()) - 0.02)
+    assert mover.distances(home[None])[0, -2] < 0.0, "the way begins in it"
+    way = mover.path(home, goal[None])
+    dense = np.concatenate([np.linspace(a, b, 40) for a, b in pairwise(way)])
+    beyond = np.abs(dense - home).max(axis=1) > MOTION.ends
+    assert (mover.distances(dense[beyond])[:, :-1] > MOTION.clearance - 0.002).all()
+
+
+def test_fingers_open_higher_where_tips_would_stand_on_the_platform_and_keep_off_walls() -> None:
+    twin = load_scenario("bin_picking").twin
+    assert twin.learning is not None
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)
+    low, high = (np.array(corner) for corner in twin.learning.platform)
+    R_WT = pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]))
+    for under, gap in ((0.012, SETTING_DOWN.gaps[0]), (0.005, SETTING_DOWN.gaps[1])):
+        X = pose(R_WT, np.array([*(low + high)[:2] / 2, high[2] + under]))
+        above = mover.goals(X + np.outer([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.1]), home)[0]
+        assert mover.tool(line_down(mover, above, X)[-1])[2, 3] == pytest.approx(X[2, 3] + gap, abs=1e-4)
+    low, high = (np.array(corner) for corner in twin.learning.into_bin)
+    up = np.outer([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.2])
+    for off in (0.1, 0.083):
+        X = pose(R_WT, np.array([low[0] + off, (low + high)[1] / 2, low[2] + 0.015]))
+        above = mover.goals(X + up, home)[0]
+        assert mover.bare_free(mover.line(above, X), SETTING_DOWN.grazing)
+        if off == 0.1:
+            line_down(mover, above, X)
+        else:
+            with pytest.raises(NoWay, match="in the way"):
+                line_down(mover, above, X)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from twin_diagram.runs.learning.motion import Mover, pointing, pose
-from twin_diagram.runs.learning.picking import TUNING, Reach, take
+from twin_diagram.runs.learning.picking import TUNING, Reach, take, unlike
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.pose_vectors import from_matrix
 
 
 class EmptyFingers:
@@ -53,3 +54,19 @@ def test_from_where_it_held_nothing_the_hand_goes_back_and_up() -> None:
     np.testing.assert_allclose(tips[turning], before[:3, 3], atol=1e-3)
     np.testing.assert_allclose(tips[-1, :2], before[:2, 3], atol=2e-3)
     assert tips[-1, 2] > before[2, 3] + TUNING.least_lift - 1e-3 and cell.opening > 0.1
+
+
+def test_grasps_like_one_that_held_nothing_come_last() -> None:
+    down = pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]))
+    across = pointing(np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0]))
+    failed = pose(down, np.array([0.5, 0.0, 0.1]))
+    half_turned = down * [-1.0, -1.0, 1.0]
+    some = [
+        (half_turned, [0.51, 0.0, 0.1]),
+        (across, [0.5, 0.0, 0.1]),
+        (down, [0.5, 0.0, 0.13]),
+        (down, [0.5, 0.0, 0.1]),
+    ]
+    poses = np.array([from_matrix(pose(R, np.array(p))) for R, p in some])
+    assert unlike(poses, np.array([3, 0, 2, 1]), [failed]) == [2, 1, 3, 0]
+    assert unlike(poses, np.array([3, 0, 2, 1]), []) == [3, 0, 2, 1]

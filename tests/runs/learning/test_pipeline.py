@@ -59,7 +59,7 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     cell = SimpleNamespace(time=0.0, snapshot=dict, look=lambda name: PICTURE, wait=lambda seconds: None)
     taken = Taken(np.eye(4), 0.05, 0)
     monkeypatch.setattr(handling, "look_into_bin", bin_.look)
-    monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt: Picked(one, taken))
+    monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt, failed: Picked(one, taken))
     monkeypatch.setattr(handling, "show_first", bin_.show)
     monkeypatch.setattr(handling, "let_go", bin_.let_go)
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
@@ -115,7 +115,7 @@ def test_an_object_put_away_gives_what_was_given_up_another_chance_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = learner(Bin([0.0]), tmp_path / "run", monkeypatch)
-    run.state.given_up, run._taken = [[0.0, 0.01, 0.01]], 1
+    run.state.given_up, run.state.taken = [[0.0, 0.01, 0.01]], 1
     run.run()
     assert [one.state for one in run.state.learned] == ["failed"] * 3 and isinstance(run.state, RunState)
 
@@ -144,6 +144,7 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
     run.run()
     assert [one.state for one in run.state.learned] == ["failed", "failed", "handled"]
     assert run.state.failed_at == [] and run.state.given_up == []
+    assert LearningRecord(tmp_path / "run", Scenario()).resume().taken == 1, "a run that goes on knows it, too"
 
 
 def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_world_before_it(

@@ -78,7 +78,7 @@ class Beside:
             inside = False
         if not inside:
             self.problem = AssetError(
-                f"{self._mesh}: names {name!r}, which lies outside of the mesh's folder; copy it there"
+                f"{self._mesh}: names {name!r}, which lies outside of the mesh's folder; copy it there, named by itself"
             )
             raise self.problem
         if not path.is_file():
@@ -107,6 +107,8 @@ def read_source(path: Path, *, looks: bool = True) -> Source:
         ".glb": _read_with_trimesh,
         ".gltf": _read_with_trimesh,
     }
+    if not path.exists():
+        raise AssetError(f"{path}: no such mesh")
     if path.suffix.lower() not in readers:
         raise AssetError(f"{path}: not a kind of mesh that is read; these are: {', '.join(sorted(readers))}")
     if not path.is_file():

@@ -168,13 +168,21 @@ class ArmTerms:
             forward, backward = model.law.friction_level(q[None], v[None], tau[None])
             return forward[0], backward[0]
 
+        levels = dry(zero[0], zero[0], zero[0])
+
+        def even(q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
+            return levels[0].copy(), levels[1].copy()
+
+        # Worked out once where it can be: it is asked for three times a message.
+        friction = even if all(effect.even for effect in model.law.dry) else dry
+
         return ArmTerms(
             model.plant,
             model.joints,
             tool_frame=model.spec.tool_frame,
             laws=Laws(
                 load=load if smooth else None,
-                dry=dry if len(laws) > len(smooth) else None,
+                dry=friction if len(laws) > len(smooth) else None,
                 applied=model.applied if smooth else None,
                 true_position=model.true_position if smooth else None,
             ),

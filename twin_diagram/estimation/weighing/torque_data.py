@@ -35,6 +35,9 @@ class Tuning:
     slow: float = 0.02
     """Dry friction turns round between minus and plus this [rad/s]."""
 
+    step: float = 1e-3
+    """Of differences by the lag of speeds [s]."""
+
     stribeck: float = 0.1
     """What dry friction has more at low speed fades within this [rad/s]."""
 
@@ -77,6 +80,8 @@ class TorqueRun:
         torque: (K, m) measured, as they reach the joints [N·m].
         arm: (K, m) of the arm without object, as the model has it.
         late: (K, m) by what the torque changes where it is logged later than the motion, per second of that.
+        lagging: (K, m) by what the arm's torque changes where its terms of speed are those of earlier speeds, per
+            second of that; and `Y_lagging` (K, m, 10) of the hand's or object's, per unit of its parameters in M.
         beside: (K, m, len(COLUMNS)).
         Y_hand: (K, m, 10) per unit of the hand's own parameters in M.
         held: where the object is; None: nothing is held.
@@ -86,8 +91,10 @@ class TorqueRun:
     torque: Array
     arm: Array
     late: Array
+    lagging: Array
     beside: Array
     Y_hand: Array
+    Y_lagging: Array
     held: Held | None
 
 
@@ -121,15 +128,20 @@ def read_run(model: Model, run: LoadedRun | EmptyRun, delay: float = 0.0) -> Tor
     held = Held.in_tool(model, run.X_TO if isinstance(run, LoadedRun) else RigidTransform())
     rows, time = held.rows, regular.time
     applied = model.applied(regular.motor_torque, time)
-    arm = model.applied(model.inverse_dynamics(moved.position, v, a, time=time), time)
-    Y_hand = model.tree.regressor(q, v, a, held.body)[:, rows]
-    arm = arm[:, rows] + Y_hand @ hand_change(model, run.fingers)[held.body]
+    change = hand_change(model, run.fingers)[held.body]
+
+    def rigid(speed: Array) -> tuple[Array, Array]:
+        Y = model.tree.regressor(q, speed, a, held.body)[:, rows]
+        own = model.applied(model.inverse_dynamics(moved.position, speed, a, time=time), time)
+        return own[:, rows] + Y @ change, Y
+
+    arm, Y_hand = rigid(v)
+    earlier = rigid(v - TUNING.step * a)
     direction = np.tanh(v[:, rows] / TUNING.slow)
     fading = np.exp(-((v[:, rows] / TUNING.stribeck) ** 2))
     beside = [np.ones_like(arm), v[:, rows], direction, direction * fading, direction * np.abs(arm), a[:, rows]]
     rate = 1.0 / regular.period
-    step = max(1, int(rate / TUNING.rate))
-    kept = np.flatnonzero(inner(time))[::step]
+    kept = np.flatnonzero(inner(time))[:: max(1, int(rate / TUNING.rate))]
 
     def below(signal: Array) -> Array:
         return lowpass(signal, rate, TUNING.cutoff)[kept]
@@ -140,8 +152,10 @@ def read_run(model: Model, run: LoadedRun | EmptyRun, delay: float = 0.0) -> Tor
         moved_back,
         below(arm),
         -differentiate(lowpass(arm, rate, TUNING.cutoff), time, 1)[kept],
+        below((earlier[0] - arm) / TUNING.step),
         np.stack([below(column) for column in beside], axis=-1),
         below(Y_hand.reshape(len(time), -1)).reshape(len(kept), len(rows), 10),
+        below(((earlier[1] - Y_hand) / TUNING.step).reshape(len(time), -1)).reshape(len(kept), len(rows), 10),
         held if isinstance(run, LoadedRun) else None,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -37,8 +37,11 @@ class ArmDoubt:
         rotor: inertia on the motors' side [kg·m²].
         drift: of a joint's offset from one log to the next [N·m].
         delay: by which all torques are logged later than the motion that they belong to [s].
+        lag: by which speeds are late in what torques have of them: in what moves in steps, half of one [s].
         hand: mass [kg], first moment [kg·m] and inertia [kg·m²] of the hand.
         pose: of the object in the hand: along [m] and about [rad] each axis; in each run of its own.
+        mass: by what an object seems heavier or lighter than it is [kg].
+        creep: by how much it moves steadily in the hand from a run's begin to its end [m], [rad].
     """
 
     gain: float = 0.02
@@ -50,13 +53,18 @@ class ArmDoubt:
     rotor: float = 1e-4
     drift: float = 0.01
     delay: float = 5e-3
+    lag: float = 0.0
     hand: tuple[float, float, float] = (2e-3, 2e-4, 5e-6)
     pose: tuple[float, float] = (5e-4, 2e-3)
+    mass: float = 0.0
+    creep: tuple[float, float] = (0.0, 0.0)
 
     @staticmethod
     def of_side(torque_side: str) -> ArmDoubt:
         """Return what is usual where torques are measured: at the `motor`, or behind the gear at the `link`."""
-        return ArmDoubt(load=0.05, rotor=0.1) if torque_side == "motor" else ArmDoubt()
+        # In what moves in steps speeds are late by half a step, and friction is that of the next: damping times a step.
+        doubt = ArmDoubt(rotor=2e-3, lag=2e-3)
+        return replace(doubt, load=0.05, rotor=0.1) if torque_side == "motor" else doubt
 
 
 @dataclass(frozen=True)
@@ -110,12 +118,15 @@ def fit_torques(
     cross = matrix[nuisance, layout.size - 10 :]
     gone = scipy.linalg.cho_solve(inner, np.column_stack([cross, vector[nuisance]]))
     told = matrix[layout.size - 10 :, layout.size - 10 :] - cross.T @ gone[:, :10]
-    covariance = np.linalg.pinv(matrix, hermitian=True)
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    # What is certain beforehand stands in it with 10²⁴: scaled, for no inverse spans that.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    covariance = np.linalg.pinv(matrix * np.outer(scale, scale), hermitian=True)
+    std = scale * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     own = x[: layout.own * m].reshape(m, layout.own)
+    told, right = doubted(0.5 * (told + told.T), vector[layout.size - 10 :] - cross.T @ gone[:, 10], doubt.mass)
     return TorqueFit(
-        0.5 * (told + told.T),
-        vector[layout.size - 10 :] - cross.T @ gone[:, 10],
+        told,
+        right,
         own[:, 0],
         std[: layout.own * m].reshape(m, layout.own)[:, 0],
         float(x[layout.delay]),
@@ -127,7 +138,10 @@ def fit_torques(
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where unknowns stand: per joint gain and `COLUMNS`; per log and joint drift; delay; hand; poses; object."""
+    """Where unknowns stand: per joint gain and `COLUMNS`; per log and joint drift; delay; lag; hand; poses; object.
+
+    A pose has twelve: by how much it is off half-way, and from there to the end.
+    """
 
     joints: int
     logs: int
@@ -146,8 +160,12 @@ class _Layout:
         return self.drift + self.logs * self.joints
 
     @property
-    def hand(self) -> int:
+    def lag(self) -> int:
         return self.delay + 1
+
+    @property
+    def hand(self) -> int:
+        return self.lag + 1
 
     @property
     def pose(self) -> int:
@@ -155,7 +173,7 @@ class _Layout:
 
     @property
     def size(self) -> int:
-        return self.pose + 6 * self.grasps + 10
+        return self.pose + 12 * self.grasps + 10
 
     def prior(self, doubt: ArmDoubt) -> Array:
         """Return (size,) information known beforehand; none of the object."""
@@ -165,8 +183,9 @@ class _Layout:
             *each * self.joints,
             *[doubt.drift] * (self.logs * self.joints),
             doubt.delay,
+            doubt.lag,
             *[mass, *[moment] * 3, *[inertia] * 6],
-            *[*[doubt.pose[0]] * 3, *[doubt.pose[1]] * 3] * self.grasps,
+            *np.repeat([*doubt.pose, *(0.5 * way for way in doubt.creep)], 3).tolist() * self.grasps,
         ]
         return np.concatenate([1.0 / np.maximum(np.array(std), 1e-12) ** 2, np.zeros(10)])
 
@@ -176,25 +195,39 @@ def _design(runs: Sequence[TorqueRun], k: int, gain: Array, parameters: Array, l
     run = runs[k]
     samples, m = run.torque.shape
     A = np.zeros((m, samples, layout.size))
-    rigid = run.arm
+    rigid, lagging = run.arm, run.lagging
     if run.held is not None:
         to_hand = transform_inertia(run.held.X_MO)
         turned = to_hand @ by_pose(parameters)
         rigid = rigid + run.Y_hand @ (to_hand @ parameters)
+        lagging = lagging + run.Y_lagging @ (to_hand @ parameters)
     for j in range(m):
         A[j, :, layout.own * j] = rigid[:, j]
         A[j, :, layout.own * j + 1 : layout.own * (j + 1)] = run.beside[:, j]
         A[j, :, layout.drift + k * m + j] = 1.0
         A[j, :, layout.delay] = run.late[:, j]
+        A[j, :, layout.lag] = lagging[:, j]
         Y = (1.0 + gain[j]) * run.Y_hand[:, j]
         A[j, :, layout.hand : layout.pose] = Y
         if run.held is not None:
             grasp = sum(earlier.held is not None for earlier in runs[:k])
-            A[j, :, layout.pose + 6 * grasp : layout.pose + 6 * (grasp + 1)] = Y @ turned
+            off, first = Y @ turned, layout.pose + 12 * grasp
+            A[j, :, first : first + 12] = np.hstack([off, np.linspace(-1.0, 1.0, samples)[:, None] * off])
             A[j, :, -10:] = Y @ to_hand
     # (1 + γ)(arm + Yφ) ≈ arm + γ (arm + Yφ₀) + (1 + γ₀) Yφ − γ₀ Yφ₀
     shift = gain * (rigid - run.arm)
     return A, (run.torque - run.arm + shift).T
+
+
+def doubted(matrix: Array, vector: Array, mass: float) -> tuple[Array, Array]:
+    """Return information (10, 10) and right side (10,) of parameters whose mass seems off by some [kg], too.
+
+    By the inversion lemma, for others may not be told at all.
+    """
+    kept = np.eye(10)
+    kept[:, 0] -= matrix[:, 0] * mass**2 / (1.0 + mass**2 * matrix[0, 0])
+    told = kept @ matrix
+    return 0.5 * (told + told.T), kept @ vector
 
 
 def by_pose(parameters: Array) -> Array:

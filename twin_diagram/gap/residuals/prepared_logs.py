@@ -91,6 +91,7 @@ class Record:
         shaken: (n,) inertial torque of a joint's position noise over the torque's own noise, at the band's edge.
         kept: (D,) indices of the samples that are left.
         period: the log's own median time between samples [s].
+        compared: edge of a closer low-pass, at which what is reduced is compared [Hz].
     """
 
     index: int
@@ -108,11 +109,12 @@ class Record:
     shaken: Array
     kept: npt.NDArray[np.int64]
     period: float
+    compared: float = np.inf
 
     def reduce(self, signal: Array) -> Array:
         """Return a full-rate signal (N, …) filtered and thinned to (D, …)."""
         shape = signal.shape[1:]
-        filtered = lowpass(signal.reshape(len(signal), -1), self.rate, self.band)
+        filtered = lowpass(signal.reshape(len(signal), -1), self.rate, min(self.band, self.compared))
         return filtered[self.kept].reshape(-1, *shape)
 
     @cached_property

@@ -13,6 +13,7 @@ from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.beside_dry import damped, largest_share, told_beside_dry
 from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
@@ -41,7 +42,7 @@ class Tuning:
     """Times a third that an error may be: one that is told by five kinds of motion is itself known to a third."""
 
     third: float = 1.0 / 3.0
-    """No name where the standard error is more than this share of the value."""
+    """No name where the standard error is more than this share of the value, but for damping: see `beside_dry`."""
 
 
 TUNING = Tuning()
@@ -94,6 +95,9 @@ def concluded(problem: RobotProblem) -> WholeRobot | None:
     kept = earning(problem, LeftOut.of(problem, z))
     if np.any(free_units(kept) != free_units(problem)):
         problem, z, spread = sure_ones(kept)
+    more = damped(problem, z)
+    if more is not problem:
+        problem, z, spread = sure_ones(more)
     return said_of(problem, z, spread)
 
 
@@ -105,7 +109,7 @@ def well_known(found: WholeRobot) -> WholeRobot | None:
     """
     kept: set[tuple[str, str]] = set()
     for _ in range(TUNING.unsure):
-        lost = lost_names(found.findings) - kept
+        lost = lost_names(found.findings) - kept - told_beside_dry(found.findings, TUNING.rough)
         if not lost:
             break
         fewer = said_of(*sure_ones(without_names(found.problem, found.coordinates, lost)))
@@ -204,12 +208,13 @@ def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
     """Return the problem without joints' terms whose standard error is too large, its fit and covariance."""
     z, own = None, slice(10 * problem.n, 14 * problem.n)
     while True:
+        share = largest_share(problem, TUNING.third)
         z = solve(problem, None, z)
         spread = estimates.covariance(problem, z)
         size = np.abs(z[own]).reshape(problem.n, len(OWN))
         error = np.sqrt(np.diag(spread)[own]).reshape(problem.n, len(OWN))
         held = z[own].reshape(size.shape) <= problem.least
-        doubtful = problem.own_free & ~(held & problem.stated) & ((error > TUNING.third * size) | (size == 0.0))
+        doubtful = problem.own_free & ~(held & problem.stated) & ((error > share * size) | (size == 0.0))
         if not np.any(doubtful):
             return problem, z, spread
         worst = np.unravel_index(int(np.argmax(np.where(doubtful, error / np.maximum(size, 1e-12), 0.0))), size.shape)

@@ -14,6 +14,7 @@ import numpy as np
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.whole_robot.beside_the_usual import EVIDENT, rise_beside_the_usual
+from twin_diagram.gap.whole_robot.late_torque import later
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.unusual import (
     believable,
@@ -24,6 +25,7 @@ from twin_diagram.gap.whole_robot.unusual import (
     terms_of,
     with_candidate,
 )
+from twin_diagram.model.effects.actuation import TimeDelay
 from twin_diagram.signals.arrays import Array
 
 
@@ -36,6 +38,8 @@ def evident(problem: RobotProblem, z: Array) -> tuple[RobotProblem, Array]:
     """
     terms = terms_of(problem.sums, problem.sums.records.model)
     last, there = last_body(terms), offered(terms, EVIDENT)
+    rather = [later(problem, z, c) if c.name == TimeDelay.name else c for c in there]
+    there = [candidate for candidate in rather if candidate is not None]
     while there:
         best = likeliest(problem, z, there)
         if best is None:
@@ -43,7 +47,8 @@ def evident(problem: RobotProblem, z: Array) -> tuple[RobotProblem, Array]:
         more = with_candidate(problem, best, last)
         fitted = solve(more, None, carried(problem, z, more))
         if believable(more):
-            more, fitted = recentred(more, fitted, terms, last)
+            if best.name != TimeDelay.name:  # which is about where it was found already
+                more, fitted = recentred(more, fitted, terms, last)
             problem = with_noise(more, fitted)
             z = solve(problem, None, fitted)
         there = [candidate for candidate in there if candidate is not best]

@@ -16,6 +16,7 @@ from twin_diagram.gap.experiments.advice import experiment
 from twin_diagram.gap.findings import Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
+from twin_diagram.gap.whole_robot.colour_of_noise import between, whitened
 from twin_diagram.gap.whole_robot.concluding import WholeRobot, concluded, last_of, own_terms, well_known
 from twin_diagram.gap.whole_robot.dry_shapes import shaped
 from twin_diagram.gap.whole_robot.evident import evident
@@ -34,7 +35,7 @@ from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
-from twin_diagram.gap.whole_robot.unusual import between, least, price, room_for, unusual, whitened
+from twin_diagram.gap.whole_robot.unusual import least, price, room_for, unusual
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.signals.arrays import Array

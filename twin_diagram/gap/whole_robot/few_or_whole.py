@@ -18,6 +18,7 @@ from twin_diagram.gap.whole_robot.coarse_torque import in_coarse_steps
 from twin_diagram.gap.whole_robot.concluding import WholeRobot, every_beside
 from twin_diagram.gap.whole_robot.estimates import covariance
 from twin_diagram.gap.whole_robot.explain import explain
+from twin_diagram.gap.whole_robot.lost_dips import without_lost_dips
 from twin_diagram.gap.whole_robot.placeholders import as_of_the_description, placeholders
 from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.logs import Log
@@ -102,6 +103,9 @@ def explained(
     if coarse and named.findings:
         named = nameless(named)
     verdict, corrected, more = _corrected(given, logs, held, named, records, say)
+    plain = without_lost_dips(verdict, given.joints)
+    if plain is not verdict:
+        verdict, corrected, more = _corrected(given, logs, held, plain, records, say)
     told = well_told(verdict.findings)
     if told != verdict.findings:
         more.append("some of what would fit these runs is known no better than to a third of its size: it has no name")

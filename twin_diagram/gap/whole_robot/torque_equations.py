@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from pydrake.math import RollPitchYaw
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.correction.equation_error import coarser
@@ -19,6 +20,7 @@ from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import lowpass
+from twin_diagram.model.effects.environment import GravityTilt
 from twin_diagram.model.rigid_body import rigid_tree
 from twin_diagram.signals.arrays import Array
 
@@ -94,6 +96,7 @@ class TorqueEquations:
         stated_dry: (n,) dry friction that the given model has [N·m].
         shapes: (n) of joints' dry friction.
         further: what else may be there.
+        tilt: of the base, on which links weigh: roll and pitch [rad].
     """
 
     sums: Array
@@ -109,6 +112,7 @@ class TorqueEquations:
     stated_dry: Array
     shapes: tuple[DryShape, ...]
     further: tuple[Candidate, ...] = ()
+    tilt: tuple[float, float] = (0.0, 0.0)
 
     @property
     def n(self) -> int:
@@ -147,12 +151,28 @@ class TorqueEquations:
         return np.sqrt(squares / self.counted[:, None])
 
     def with_further(self, further: Sequence[Candidate]) -> TorqueEquations:
-        """Return the same with other further candidates, made of `records`."""
-        columns = np.concatenate(
-            [self.columns[:, :, : 10 * self.n + len(OWN)], *map(self.spread_out, further), self.columns[:, :, -1:]],
-            axis=2,
-        )
-        return replace(self.with_columns(columns), further=tuple(further))
+        """Return the same with other further candidates, made of `records`; without a tilt, links weigh as on level."""
+        level = not any(candidate.name == GravityTilt.name for candidate in further)
+        same = self.on_base((0.0, 0.0)) if level else self
+        before = same.columns[:, :, : 10 * self.n + len(OWN)]
+        columns = np.concatenate([before, *map(self.spread_out, further), self.columns[:, :, -1:]], axis=2)
+        return replace(same, columns=columns, sums=summed(columns, self.weights, self.stretch), further=tuple(further))
+
+    def on_base(self, tilt: tuple[float, float]) -> TorqueEquations:
+        """Return the same with what links weigh on a base of some roll and pitch [rad].
+
+        On a tilted base what links weigh beyond the description pulls aside, too: no first-order term has that.
+        """
+        if tilt == self.tilt:
+            return self
+        tree, columns = self.records.model.tree, self.columns.copy()
+        change = turned(tilt, tree.gravity) - turned(self.tilt, tree.gravity)
+        aside = replace(tree.bare(tree.inertia), gravity=change)
+        resting = [np.zeros_like(record.q) for record in self.records.records]
+        parts = zip(self.records.records, resting, strict=True)
+        weight = [_of_links(self.records, r, aside, still, still)[r.kept] for r, still in parts]
+        columns[:, :, : 10 * self.n] += np.concatenate(weight)
+        return replace(self.with_columns(columns), tilt=tilt)
 
     def with_columns(self, columns: Array) -> TorqueEquations:
         """Return the same of other columns (N, n, K + 1)."""
@@ -178,7 +198,11 @@ def equations(records: Records) -> TorqueEquations:
     """
     records = coarser(records)
     kept = [_thinned(records, record) for record in records.records]
-    records = replace(records, records=tuple(replace(r, kept=k) for r, k in zip(records.records, kept, strict=True)))
+    # Candidates' columns are reduced by the records, and must hold no more of a band than the residual does.
+    same = [
+        replace(r, kept=k, compared=DIFFERENTIATION.residual_cutoff) for r, k in zip(records.records, kept, strict=True)
+    ]
+    records = replace(records, records=tuple(same))
     terms = Terms(records, given_load(records), slow_speed(records))
     weights = stiction.sliding(records, terms, range(records.n))
     columns = np.concatenate(
@@ -221,14 +245,25 @@ def _columns(records: Records, record: Record, sign: Array) -> Array:
     """Return (N, n, K + 1) of a log at its full rate, low-passed as residuals are compared."""
     model, n = records.model, records.n
     result = np.empty((len(record.time), n, 10 * n + len(OWN) + 1))
-    for body in range(n):
-        _, X_ML = model.bodies.body_of(model.tree.link[body])
-        rigid = model.tree.regressor(record.q, record.v, record.a, body) @ rigid_tree.transform_inertia(X_ML)
-        result[:, :, 10 * body : 10 * body + 10] = low_passed(rigid, record)
+    result[:, :, : 10 * n] = _of_links(records, record, model.tree, record.v, record.a)
     own = [record.v, sign, -np.ones_like(record.v), record.a]
     for k, signal in enumerate([*own, record.torque - record.given]):
         result[:, :, 10 * n + k] = low_passed(signal, record)
     return result
+
+
+def _of_links(records: Records, record: Record, tree: rigid_tree.RigidTree, v: Array, a: Array) -> Array:
+    """Return (N, n, 10 n) torques per unit of links' parameters at a log's angles, with other motion and gravity."""
+    result = []
+    for body in range(records.n):
+        _, X_ML = records.model.bodies.body_of(tree.link[body])
+        result.append(low_passed(tree.regressor(record.q, v, a, body) @ rigid_tree.transform_inertia(X_ML), record))
+    return np.concatenate(result, axis=2)
+
+
+def turned(tilt: tuple[float, float], gravity: Array) -> Array:
+    """Return (3,) gravity [m/s²] in a base that is rolled and pitched [rad]."""
+    return np.asarray(RollPitchYaw(*tilt, 0.0).ToRotationMatrix().matrix().T @ gravity)
 
 
 def low_passed(signal: Array, record: Record) -> Array:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -31,7 +30,7 @@ from pydrake.multibody.tree import (
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError, ScenarioError
-from twin_diagram.model.description import unparsed
+from twin_diagram.model.description import foreign, unparsed
 from twin_diagram.scenario import resources
 from twin_diagram.scenario.poses import pose
 
@@ -173,14 +172,6 @@ def parser(plant: MultibodyPlant, packages: Mapping[str, str | Path] | None = No
     return result
 
 
-def _parsed(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
-    """Return the models in a file; an MJCF without a name, which MuJoCo does not ask for, is called `robot`."""
-    if not unparsed.is_nameless(path):
-        return tuple(reader.AddModels(path))
-    directive = {"add_model": {"name": "robot", "file": f"file://{path.resolve()}"}}
-    return tuple(reader.AddModelsFromString(yaml.safe_dump({"directives": [directive]}), ".dmd.yaml"))
-
-
 def add_arm(
     plant: MultibodyPlant,
     spec: scenario.ArmModel | str | Path,
@@ -198,7 +189,7 @@ def add_arm(
     """
     spec = resolve(spec, packages, base_dir)
     try:
-        instances = _parsed(parser(plant, packages), Path(spec.model))
+        instances = foreign.add_models(parser(plant, packages), Path(spec.model))
     except RuntimeError as error:
         said = _first_line(error)
         unknown = re.search(r"unknown package '([^']+)'", said)
@@ -207,13 +198,13 @@ def add_arm(
     if not instances:
         raise ModelError(f"{spec.model}: holds no model")
 
-    movable = [joint for joint in _joints(plant, instances) if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
+    every = _joints(plant, instances)
     # Before Finalize the plant does not list actuators by model instance.
     actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
     motors = {
         int(actuator.joint().index()): actuator for actuator in actuators if actuator.model_instance() in instances
     }
-    arm_joints, gripper_joints = _choose(spec, movable, motors)
+    arm_joints, gripper_joints = _choose(spec, every, motors)
     efforts, rotors = unparsed.effort_limits(Path(spec.model)), unparsed.armatures(Path(spec.model))
     for joint in [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])]:
         if int(joint.index()) not in motors:
@@ -222,7 +213,7 @@ def add_arm(
             motor.set_default_rotor_inertia(rotors.get(joint.name(), 0.0))
 
     base = _weld_base(plant, instances, arm_joints[0], spec)
-    carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, movable))]
+    carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, every))]
     last_link = (carrying or arm_joints)[-1].child_body()
     return Arm(
         spec=spec,
@@ -252,15 +243,16 @@ def _joints(plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex]) -> l
 
 
 def _choose(
-    spec: scenario.ArmModel, movable: Sequence[Joint], motors: Mapping[int, JointActuator]
+    spec: scenario.ArmModel, every: Sequence[Joint], motors: Mapping[int, JointActuator]
 ) -> tuple[list[Joint], list[Joint]]:
-    """Return the arm's joints and the gripper's, named or by rule."""
+    """Return the arm's joints and the gripper's, named or by rule, of `every` joint, also those that are fixed."""
+    movable = [joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
     following = unparsed.mimicking(Path(spec.model))
     driven = [joint for joint in movable if (int(joint.index()) in motors if motors else joint.name() not in following)]
     fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and _is_finger(joint, movable)]
     held = {int(joint.index()) for joint in fingers}
     links = [joint for joint in driven if int(joint.index()) not in held]
-    arm = _by_name(spec.joints, movable, "joints") if spec.joints else links or driven
+    arm = _by_name(spec.joints, movable, "joints") if spec.joints else _from_the_base(links or driven, every)
     if not arm:
         raise ModelError(f"{spec.model}: has no revolute or prismatic joint")
     if spec.gripper_joints:
@@ -269,6 +261,24 @@ def _choose(
         gripper = [joint for joint in driven if isinstance(joint, PrismaticJoint)]
     in_arm = {int(joint.index()) for joint in arm}
     return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]
+
+
+def _from_the_base(joints: list[Joint], every: Sequence[Joint]) -> list[Joint]:
+    """Return joints from the base on where they are one chain, however the file lists them, else as they are."""
+    to_child = {int(joint.child_body().index()): joint for joint in every}
+    wanted = {int(joint.index()) for joint in joints}
+
+    def above(joint: Joint) -> list[int]:
+        result: list[int] = []
+        while int(joint.parent_body().index()) in to_child:
+            joint = to_child[int(joint.parent_body().index())]
+            result += [int(joint.index())] if int(joint.index()) in wanted else []
+        return result
+
+    depths = [len(above(joint)) for joint in joints]
+    if sorted(depths) != list(range(len(joints))):
+        return joints
+    return [joints[k] for k in np.argsort(depths)]
 
 
 def _is_finger(joint: Joint, movable: Sequence[Joint]) -> bool:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import re
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -12,15 +10,10 @@ import yaml
 from pydrake.common.yaml import yaml_dump_typed
 
 from twin_diagram.errors import ModelError
+from twin_diagram.model.description import named_files
 from twin_diagram.model.description.add_arm import EFFECTS_FILE
 from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import ArmModel
-
-_RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
-"""Of a URDF, SDF or MJCF: what stands before a file's name, and the name."""
-_FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"']+?)\s*(?=["'])""")
-"""Of an MJCF's meshes and pictures, which its files are looked up in."""
-
 
 TORQUE_SIDES = ("motor", "link")
 """Of the gears, on which torques are measured."""
@@ -50,7 +43,7 @@ def write(spec: ArmModel, folder: str | Path, standing: CorrectedStanding | None
     """Write the description, `effects.yaml` and `standing.yaml`; see `Model.save`."""
     description = Path(spec.model)
     with atomic_file.folder(folder) as aside:
-        (aside / description.name).write_bytes(_anchor_files(description))
+        (aside / description.name).write_bytes(named_files.anchored(description.read_bytes(), description))
         yaml_dump_typed(replace(spec, model=description.name), filename=str(aside / EFFECTS_FILE))
         if standing is not None and standing != CorrectedStanding():
             (aside / STANDING_FILE).write_text(_text(standing), encoding="utf-8")
@@ -86,20 +79,3 @@ def standing_of(model: str | Path) -> CorrectedStanding:
     if standing.torque_side not in TORQUE_SIDES:
         raise ModelError(f"{path}: torque_side {standing.torque_side!r}: it is one of {', '.join(TORQUE_SIDES)}")
     return standing
-
-
-def _anchor_files(description: Path) -> bytes:
-    """Return the description's text, with the files beside it that it names named by absolute paths."""
-
-    def anchored(match: re.Match[bytes]) -> bytes:
-        path = description.parent / os.fsdecode(match[2])
-        return match[1] + os.fsencode(path.resolve()) if b"://" not in match[2] and path.is_file() else match[0]
-
-    def anchored_folder(match: re.Match[bytes]) -> bytes:
-        path = description.parent / os.fsdecode(match[2])
-        return match[1] + os.fsencode(path.resolve()) if path.is_dir() else match[0]
-
-    text = description.read_bytes()
-    if description.suffix.lower() == ".xml":
-        text = _FOLDER.sub(anchored_folder, text)
-    return _RELATIVE_FILE.sub(anchored, text)

@@ -41,6 +41,8 @@ class Effect:
     """Whether `change` holds all of its torque, which is then not added a second time."""
     dry: ClassVar[bool] = False
     """Whether its torque is dry friction, of which `friction_level` tells the bound."""
+    even: ClassVar[bool] = False
+    """Whether `friction_level` is the same whatever the motion and the torque."""
     last: ClassVar[bool] = False
     """Whether its torque comes beside what the motor gives, so that `applied` counts it after all others."""
     motor_side: ClassVar[bool] = False

@@ -82,6 +82,7 @@ class CoulombFriction(Effect):
         ),
     }
     dry: ClassVar[bool] = True
+    even: ClassVar[bool] = True
     motor_side: ClassVar[bool] = True
 
     def check(self) -> None:

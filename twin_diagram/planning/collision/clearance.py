@@ -205,7 +205,9 @@ class Clearance:
         """Return the smallest distance of each link (from joint 1's on) to each body, however far: (N, n, B) [m]."""
         arm, _ = self._arm(q, self._group_link)
         best = self._near(arm, around, TUNING.far)[0][..., 1:]
-        return np.where(np.isfinite(best), best, TUNING.far).transpose(0, 2, 1)
+        every = np.full((*best.shape[:2], self.chain.size), np.inf)  # the last links may have no shape
+        every[..., : best.shape[2]] = best
+        return np.where(np.isfinite(every), every, TUNING.far).transpose(0, 2, 1)
 
     def own_distances(self, q: Array, reach: float) -> Array:
         """Return the smallest distance between the two parts of each of `group_pairs`, (N, G) [m].

@@ -28,6 +28,7 @@ from pydrake.multibody.tree import BodyIndex
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.description import foreign
 from twin_diagram.planning.collision.convex_solids import Ball, Box, Polytope, Solid, solid_of
 from twin_diagram.scenario import poses, resources
 from twin_diagram.signals.arrays import Array
@@ -61,7 +62,7 @@ def fixture_solids(
         plant.RegisterAsSourceForSceneGraph(scene_graph)
         path = resources.resolve(fixture.model, packages)
         try:
-            instances = description.parser(plant, packages).AddModels(str(path))
+            instances = foreign.add_models(description.parser(plant, packages), path)
         except RuntimeError as error:
             raise ModelError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error
         X_WB = poses.pose(fixture.X_WB)

@@ -73,7 +73,7 @@ class Trajectory:
         i = min(int(passed), len(a) - 2)
         s = (passed - i) * h
         # The double integral of the accelerations: each knot up to i weighs with the area that lies before now.
-        weights = response(np.array([passed * h]), h, len(a))[0][0]
+        weights = _shift(*_ramps(np.array([passed * h]), h, len(a)), h)[0]
         result: Array = self.q0 + self.v0 * (i * h + s) + weights @ a
         return result
 
@@ -89,14 +89,23 @@ def response(times: Array, step: float, knots: int) -> tuple[Array, Array]:
     Returns:
         Position (M, N) [s²] and velocity (M, N) [s] per unit: first and second integrals of the hat about each knot.
     """
-    u = np.asarray(times, dtype=float)[:, None] / step - np.arange(knots)[None, :]
-    # A hat is a sum of three ramps, of slopes 1, −2 and 1; at the first knot only its right half lies within the
-    # motion.
-    back, middle, ahead = np.maximum(u + 1, 0.0), np.maximum(u, 0.0), np.maximum(u - 1, 0.0)
+    back, middle, ahead = _ramps(times, step, knots)
     velocity = step * (back**2 - 2 * middle**2 + ahead**2) / 2
-    position = step**2 * (back**3 - 2 * middle**3 + ahead**3) / 6
     first = middle[:, 0]
     after = ahead[:, 0]
     velocity[:, 0] = step * (first - first**2 / 2 + after**2 / 2)
+    return _shift(back, middle, ahead, step), velocity
+
+
+def _ramps(times: Array, step: float, knots: int) -> tuple[Array, Array, Array]:
+    """Return the three ramps (M, N) of which a hat is the sum, of slopes 1, −2 and 1, in steps."""
+    u = np.asarray(times, dtype=float)[:, None] / step - np.arange(knots)[None, :]
+    return np.maximum(u + 1, 0.0), np.maximum(u, 0.0), np.maximum(u - 1, 0.0)
+
+
+def _shift(back: Array, middle: Array, ahead: Array, step: float) -> Array:
+    """Return the second integrals (M, N) of hats; of that at the first knot only its right half is in the motion."""
+    position = step**2 * (back**3 - 2 * middle**3 + ahead**3) / 6
+    first, after = middle[:, 0], ahead[:, 0]
     position[:, 0] = step**2 * (first**2 / 2 - first**3 / 6 + after**3 / 6)
-    return position, velocity
+    return np.asarray(position)

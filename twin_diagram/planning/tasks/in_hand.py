@@ -11,6 +11,7 @@ What moves in the hand at once is no walk: innovations that lean one way for som
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from itertools import accumulate, pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -165,7 +166,8 @@ class InHand:
     @staticmethod
     def unpack(vector: Array) -> InHand:
         """Return the inverse of `pack`; copies."""
-        parts = np.split(np.array(vector), np.cumsum(_SIZES)[:-1])
+        copy = np.array(vector)
+        parts = (copy[part] for part in _PARTS)
         closed, taken_out, mean, covariance, image, leaning, told, before, away, slips = parts
         return InHand(
             closed, taken_out, mean, covariance.reshape(STATES, STATES), float(image[0]), leaning, told, before,
@@ -175,6 +177,8 @@ class InHand:
 
 _SIZES: Final = (POSE_SIZE, ERRORS, STATES, STATES**2, 1, 6, 6, 6, 1, 1)
 """Of the fields of a packed `InHand`, in their order."""
+_PARTS: Final = tuple(slice(*ends) for ends in pairwise((0, *accumulate(_SIZES))))
+"""Where they stand."""
 IN_HAND_SIZE: Final = sum(_SIZES)
 """Numbers of a packed `InHand`."""
 

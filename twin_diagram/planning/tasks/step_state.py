@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from itertools import accumulate, pairwise
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -234,8 +236,8 @@ class TaskState:
     @staticmethod
     def unpack(vector: Array) -> TaskState:
         """Return the inverse of `pack`; copies."""
-        ends = np.cumsum([NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE, IN_HAND_SIZE, PAST_SIZE])
-        numbers, goal, grasp, hand, lies, past, notes = np.split(np.array(vector), ends)
+        copy = np.array(vector)
+        numbers, goal, grasp, hand, lies, past, notes = (copy[part] for part in _PARTS)
         step, phase, outcome, why, begun, since, steady, attempt, elsewhere, *rest = numbers.tolist()
         image, opened, force, others = rest
         return TaskState(
@@ -245,6 +247,27 @@ class TaskState:
         )  # fmt: skip
 
 
+_PARTS: Final = tuple(
+    slice(*ends)
+    for ends in pairwise(
+        accumulate((0, NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE, IN_HAND_SIZE, PAST_SIZE, RING * NOTE_FIELDS))
+    )
+)
+"""Of a packed `TaskState`: numbers, goal, grasp, hand, lies, past, notes."""
+TOLD: Final = MappingProxyType(
+    {
+        "goal": _PARTS[1],
+        "gripper_force_limit": slice(11, 12),
+        "step": slice(0, 1),
+        "hand": _PARTS[3],
+        "notes": _PARTS[6],
+    }
+)
+"""Where in a packed `TaskState` stands what goes out as it is, by the port's name."""
+OPENED: Final = 10
+"""Where `TaskState.opened` stands in a packed one."""
+OUTCOME: Final = (2, 3, 1)
+"""Where `outcome`, `why` and `phase` stand."""
 STATE_SIZE: Final = NUMBERS + 2 * POSE_SIZE + HAND_SIZE + IN_HAND_SIZE + PAST_SIZE + RING * NOTE_FIELDS
 """Numbers of a packed `TaskState`."""
 

@@ -196,28 +196,33 @@ class TaskRunner(LeafSystem):
         self._eye: Final = told_eye(cameras[0]) if len(cameras) == 1 else None
         self._state = self.DeclareDiscreteState(cast(Any, TaskState().pack()))
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / (TUNING.ticks * twin.planner.rate), 0.0, self._tick)
-        outputs: dict[str, tuple[int, Callable[[TaskState], Any]]] = {
-            "goal": (POSE_SIZE, lambda state: state.goal),
-            "gripper_position_commanded": (g, lambda state: self._fingers.at(state.opened)),
-            "gripper_force_limit": (1, lambda state: [state.force]),
-            "step": (1, lambda state: [float(state.step)]),
-            "outcome": (3, lambda state: [float(state.outcome), float(state.why), float(state.phase)]),
-            "hand": (HAND_SIZE, lambda state: state.hand.pack()),
-            "notes": (step_state.RING * step_state.NOTE_FIELDS, lambda state: state.notes),
+        # Read off the vector: they are asked for at each change, of which there are a hundred a second.
+        outputs: dict[str, tuple[int, Callable[[Array], Any]]] = {
+            "goal": (POSE_SIZE, lambda vector: vector[step_state.TOLD["goal"]]),
+            "gripper_position_commanded": (g, lambda vector: self._fingers.at(float(vector[step_state.OPENED]))),
+            "gripper_force_limit": (1, lambda vector: vector[step_state.TOLD["gripper_force_limit"]]),
+            "step": (1, lambda vector: vector[step_state.TOLD["step"]]),
+            "outcome": (3, lambda vector: vector[list(step_state.OUTCOME)]),
+            "hand": (HAND_SIZE, lambda vector: vector[step_state.TOLD["hand"]]),
+            "notes": (step_state.RING * step_state.NOTE_FIELDS, lambda vector: vector[step_state.TOLD["notes"]]),
         }
         for name, (size, value) in outputs.items():
             self._declare_output(name, size, value)
 
-    def _declare_output(self, name: str, size: int, value: Callable[[TaskState], Any]) -> None:
+    def _declare_output(self, name: str, size: int, value: Callable[[Array], Any]) -> None:
         def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(value(self.remembered(context)))
+            output.SetFromVector(value(self._vector(context)))
 
         ticket = self.discrete_state_ticket(self._state)
         self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
 
     def remembered(self, context: Context) -> TaskState:
         """Return a copy of what is remembered; `context` is this system's."""
-        return TaskState.unpack(np.asarray(context.get_discrete_state(int(self._state)).value()))
+        return TaskState.unpack(self._vector(context))
+
+    def _vector(self, context: Context) -> Array:
+        """Return the packed `TaskState`, not to be written to."""
+        return np.asarray(context.get_discrete_state(int(self._state)).value())
 
     def told(self, context: Context) -> list[dict[str, Any]]:
         """Return what was told of steps, oldest first, see `step_state.told`; `context` is this system's."""

@@ -31,7 +31,7 @@ from twin_diagram.runs.learning.following import Followed, cover, follow, found_
 from twin_diagram.runs.learning.in_the_way import in_the_way
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
-from twin_diagram.runs.learning.picking import Taken, go, reach_of, take
+from twin_diagram.runs.learning.picking import Taken, go, reach_of, take, unlike
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.seen_map import Boxes, SeenMap
@@ -102,12 +102,12 @@ class Tools:
 
 @dataclass
 class Picked:
-    """What came of a pick: what is held and the thing as it lay, or why it is not."""
+    """What came of a pick: what is held and the thing as it lay, or why it is not, and the tool's pose that failed."""
 
     thing: SeenThing
     taken: Taken | None = None
     why: str = ""
-    tries: int = 0
+    failed: Array | None = None
 
 
 @dataclass
@@ -144,9 +144,7 @@ def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Pi
     try:
         go_home(tools)
     except NoWay as why:
-        raise LearningError(
-            f"the arm cannot go home to look into the bin: {why}; check twin.home and what stands about"
-        ) from why
+        raise LearningError(f"the arm cannot go home to look: {why}; check twin.home and what stands about") from why
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
     picture = steady_picture(tools.cell, tools.learning.bin_camera)
     things = things_within(picture, low, high)
@@ -160,14 +158,15 @@ def go_home(tools: Tools) -> None:
         go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, tools.home[None])))
 
 
-def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: int) -> Picked:
-    """Try to take a thing once: the best grasp that is reached; further tries take others.
+def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: int, failed: list[Array]) -> Picked:
+    """Try to take a thing once: the best grasp that is reached, one unlike those that failed before others.
 
     Args:
         tools: of the cell.
         thing: that is to be taken.
         others: what lies about.
         attempt: number of the try, from 0.
+        failed: (4, 4) poses of the tool at which it held nothing.
     """
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
     rest = [other.points for other in others if other is not thing]
@@ -176,17 +175,17 @@ def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: i
         grasps = grasps_of_thing(thing, tools.gripper, float(low[2]) + TUNING.floor, beside, attempt)
         order = downward(grasps)
         why = "out of reach" if len(order) else why_not(thing, tools.gripper, grasps)
-        reach = reach_of(tools.mover, tools.cell, grasps, np.roll(order, -2 * attempt).tolist())
+        reach = reach_of(tools.mover, tools.cell, grasps, unlike(grasps.poses, order, failed))
         if reach is not None:
             break
     else:
-        return Picked(thing, why=why, tries=attempt)
+        return Picked(thing, why=why)
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
-        return Picked(thing, why="the fingers held nothing", tries=attempt + 1)
+        return Picked(thing, why="the fingers held nothing", failed=reach.X_WT)
     tools.mover.stand("bin", rest, float(low[2]))
     tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
-    return Picked(thing, taken, tries=attempt + 1)
+    return Picked(thing, taken)
 
 
 def show_first(tools: Tools, picked: Picked) -> ShownObject:

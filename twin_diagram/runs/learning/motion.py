@@ -50,6 +50,10 @@ class Tuning:
     resolution: float = 0.06
     """Between checked configurations [rad]."""
 
+    ends: float = 0.2
+    """As far from a way's ends less than `clearance` is kept where an end itself has no more [rad]: what was just set
+    down or is about to be taken is left behind by then."""
+
     line_step: float = 0.008
     """Between points of a straight line of the tool [m]."""
 
@@ -154,6 +158,15 @@ class Mover:
             self._standing[where] = Body.of(where, solids)
 
     @contextmanager
+    def as_if(self, cloud: Array, support: float) -> Iterator[None]:
+        """Take points (N, 3) in W of something [m] as standing on a support [m] until the block ends; see `stand`."""
+        self.stand("as if", [cloud], support)
+        try:
+            yield
+        finally:
+            self.stand("as if", [], support)
+
+    @contextmanager
     def blocked(self, low: Array, high: Array) -> Iterator[None]:
         """Keep ways clear of a box between corners (3,) in W [m] until the block ends."""
         self._standing["blocked"] = Body.of("blocked", [Box(0.5 * (high - low), np.eye(3), 0.5 * (low + high))])
@@ -230,24 +243,27 @@ class Mover:
         """
         if not len(goals):
             raise NoWay("out of reach")
-        # What is not kept here and there cannot be asked of the way between.
-        ends = self.distances(np.vstack([q[None], goals]), clearance + 1e-6)
-        least = np.minimum(clearance, ends.min(axis=0)[:-1] - 1e-3)
-        own = min(TUNING.own, float(ends[:, -1].min()) - 1e-3)
+        # What is not kept here and there cannot be asked beside it; of all between only where there is no other way.
+        ends = np.vstack([q[None], goals])
+        kept = self.distances(ends, clearance + 1e-6)
+        wanted = np.append(np.full(kept.shape[1] - 1, clearance), TUNING.own)
+        least = np.minimum(wanted, kept.min(axis=0) - 1e-3)
+        for reach in (TUNING.ends, np.inf) if (least < wanted).any() else (np.inf,):
 
-        def is_free(some: Array) -> npt.NDArray[np.bool_]:
-            near = self.distances(some, clearance + 1e-6)
-            return np.asarray((near[:, :-1] >= least).all(axis=1) & (near[:, -1] >= own))
+            def is_free(some: Array, reach: float = reach) -> npt.NDArray[np.bool_]:
+                beside = np.abs(some[:, None] - ends).max(axis=2).min(axis=1) < reach
+                asked = np.where(beside[:, None], least, wanted)
+                return np.asarray((self.distances(some, clearance + 1e-6) >= asked).all(axis=1))
 
-        for goal in goals[:3]:
-            if is_free(rrt_connect.interpolate(q, goal, TUNING.resolution)).all():
-                return np.stack([q, goal])
-        found = rrt_connect.plan(
-            q, goals, is_free, self._lower, self._upper, self._rng, TUNING.checks, weights=1.0 / self.speed
-        )
-        if found is None:
-            raise NoWay("no way past what stands about")
-        return found
+            for goal in goals[:3]:
+                if is_free(rrt_connect.interpolate(q, goal, TUNING.resolution)).all():
+                    return np.stack([q, goal])
+            found = rrt_connect.plan(
+                q, goals, is_free, self._lower, self._upper, self._rng, TUNING.checks, weights=1.0 / self.speed
+            )
+            if found is not None:
+                return found
+        raise NoWay("no way past what stands about")
 
     def line(self, q: Array, X_WT: Array, clearance: float | None = None) -> Array:
         """Return (W, n) joint angles along the straight line of the tool from `q` to a pose (4, 4).

@@ -38,6 +38,10 @@ class Tuning:
     """Clearance that is kept at a grasp [m]: the balls that stand for hand and wrist overlap walls by as much, and the
     search for grasps has held the hand's own shape against them."""
 
+    like: tuple[float, float] = (0.02, 0.94)
+    """Grasps nearer than this, whose closing axes have at least this cosine between them, are alike [m]: what failed
+    pushes a thing by a centimetre or two."""
+
     settle: float = 0.2
     """Rest before the fingers shut [s]."""
 
@@ -104,6 +108,26 @@ def reach_of(mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], mos
                     return reach
                 spare = spare or reach
     return spare
+
+
+def unlike(poses: Array, order: Array, failed: Sequence[Array]) -> list[int]:
+    """Return the numbers of grasps in order, those last that are like one that held nothing.
+
+    Args:
+        poses: (N, 7) of the tool, in W.
+        order: (M,) numbers of those that may be.
+        failed: (4, 4) poses of the tool; its two turns about its approach are alike.
+    """
+
+    def is_like(number: int) -> bool:
+        X = as_matrix(poses[number])
+        return any(
+            float(np.linalg.norm(X[:3, 3] - other[:3, 3])) < TUNING.like[0]
+            and abs(float(X[:3, 1] @ other[:3, 1])) > TUNING.like[1]
+            for other in failed
+        )
+
+    return sorted((int(number) for number in order), key=is_like)
 
 
 def take(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:

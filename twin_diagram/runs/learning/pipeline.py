@@ -91,7 +91,6 @@ class Learner:
         self._jobs = ShapeJobs()
         self._begun, self._handled = time.monotonic(), 0
         self._left = 0
-        self._taken = 0
         self._made: list[Done] = []
         self._in_bin = True
 
@@ -149,10 +148,11 @@ class Learner:
         """Return a picture of the bin, what is to be taken next, and all that lies there; None: nothing is left."""
         if self.state.finished:
             return None
+        handling.keep_clear(self.tools, self._standing())  # a run that goes on begins over the last one put away
         picture, things = handling.look_into_bin(self.tools, self.state.given_up)
-        if not things and self.state.given_up and self._taken:
+        if not things and self.state.given_up and self.state.taken:
             # What was in the way may be gone: what was given up has another chance.
-            self._taken, self.state.given_up = 0, []
+            self.state.taken, self.state.given_up = 0, []
             self.state.learned = [one for one in self.state.learned if one.state != "reported"]
             picture, things = handling.look_into_bin(self.tools, [])
         self._left = len(things)
@@ -161,12 +161,12 @@ class Learner:
     def _handle(self, picture: Picture, thing: SeenThing, things: list[SeenThing]) -> None:
         """Try to take a thing, and do with it all that is to be done."""
         name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
-        picked = Picked(thing)
-        handling.keep_clear(self.tools, self._standing())
+        picked, failed = Picked(thing), list[Array]()
         for attempt in range(self.tools.learning.tries):
             with self._stage(name, "pick") as told:
-                picked = handling.pick(self.tools, thing, things, attempt)
+                picked = handling.pick(self.tools, thing, things, attempt, failed)
                 told["outcome"] = "taken" if picked.taken else picked.why
+                failed += [] if picked.failed is None else [picked.failed]
             if picked.taken is not None:
                 break
             picture, things = handling.look_into_bin(self.tools, self.state.given_up)
@@ -217,7 +217,7 @@ class Learner:
         elif not shown.followed.shown:
             one.state = "failed"
         if one.standing:
-            self._taken += 1
+            self.state.taken += 1
             self.state.failed_at = []
         else:
             self._note_failure(one, picked.thing.middle)

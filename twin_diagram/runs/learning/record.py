@@ -90,6 +90,7 @@ class RunState:
         world: of `Cell.snapshot`.
         sim_time: simulated so far [s].
         finished: the bin is empty, or holds only what was reported.
+        taken: things put away since what was given up last had another chance.
     """
 
     learned: list[Learned] = field(default_factory=list)
@@ -98,6 +99,7 @@ class RunState:
     world: dict[str, Array] = field(default_factory=dict)
     sim_time: float = 0.0
     finished: bool = False
+    taken: int = 0
 
     def named(self, name: str) -> Learned:
         """Return what is known of an object.
@@ -215,14 +217,15 @@ class LearningRecord:
             told = json.loads(str(data["told"]))
             world = {key.removeprefix("world_"): data[key] for key in data.files if key.startswith("world_")}
         learned = [Learned(**one) for one in told["learned"]]
-        return RunState(learned, told["given_up"], told.get("failed_at", []), world, told["sim_time"], told["finished"])
+        rest = told["sim_time"], told["finished"], told.get("taken", 0)
+        return RunState(learned, told["given_up"], told.get("failed_at", []), world, *rest)
 
     def save(self, state: RunState) -> None:
         """Write the state, whole."""
         told = {
             "learned": [asdict(one) for one in state.learned],
             **{"given_up": state.given_up, "failed_at": state.failed_at},
-            **{"sim_time": state.sim_time, "finished": state.finished},
+            **{"sim_time": state.sim_time, "finished": state.finished, "taken": state.taken},
         }
         data = io.BytesIO()
         arrays: dict[str, Any] = {f"world_{key}": value for key, value in state.world.items()}

@@ -29,8 +29,13 @@ class Tuning:
     """Clearance of the hand's balls on that line and back [m]: tips that held something low stand 2 mm deep in a bin's
     bottom, for their balls stand out by 13 mm. With -8 mm the hand met a wall."""
 
-    gap: float = 0.003
-    """Left under the object where the fingers open [m]: what poses and sag are off."""
+    beside: float = 0.004
+    """The same down to some 8 mm over where it ends [m]: as far from walls as the arm sags and lags. With -3 mm a
+    finger of a hand that held something low met one."""
+
+    gaps: tuple[float, ...] = (0.003, 0.009)
+    """Left under the object where the fingers open [m]: what poses and sag are off; more where tips held it so low that
+    they would stand on what it is set upon. A ring of 35 mm was shown in one grasp for that."""
 
     turns: int = 12
     """Turns about the vertical that are tried: every 30°."""
@@ -242,13 +247,12 @@ def set_down(
     last = NoWay("no place to set it down is reached")
     for place in places:
         for yaw in every if len(place) == 3 else place[3:]:
-            X = pose_over(points_T, turned(R_WT, float(yaw)), place[:2], float(place[2]) + TUNING.gap)
+            X = pose_over(points_T, turned(R_WT, float(yaw)), place[:2], float(place[2]))
             for q_above in _over(mover, X, cell.commanded):
                 try:
-                    line = mover.line(q_above, X)
-                    if not mover.bare_free(line, TUNING.grazing, standing=True):
-                        raise NoWay("something is in the way of setting it down")
-                    back = way_back(mover, line[-1])
+                    line = line_down(mover, q_above, X)
+                    with mover.as_if(points_T @ X[:3, :3].T + X[:3, 3], float(place[2])):
+                        back = way_back(mover, line[-1])
                     way = mover.path(cell.commanded, line[:1])
                 except NoWay as why:
                     last = why
@@ -256,6 +260,22 @@ def set_down(
                 go(cell, mover.timed(way))
                 return release(mover, cell, line, back), place
     raise last
+
+
+def line_down(mover: Mover, q: Array, X_WT: Array) -> Array:
+    """Return the line (W, n) straight down to where the fingers open, by a gap above a pose (4, 4).
+
+    The hand keeps clear on it; at its last point the tips may be at what the object is set upon.
+
+    Raises:
+        NoWay: something is in the way, or no such line.
+    """
+    for gap in TUNING.gaps:
+        line = mover.line(q, X_WT + np.outer([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, gap]))
+        beside = mover.bare_free(line[:-1], TUNING.beside, standing=True)
+        if beside and mover.bare_free(line[-1:], TUNING.grazing, standing=True):
+            return line
+    raise NoWay("something is in the way of setting it down")
 
 
 def _over(mover: Mover, X_WT: Array, q: Array) -> Array:
@@ -285,7 +305,7 @@ def release(mover: Mover, cell: Cell, line: Array, back: Array) -> Array:
 def way_back(mover: Mover, q: Array) -> Array:
     """Return the line (W, n) from joint angles (n,) away from what was set down: along the approach, or upwards.
 
-    It ends where there is room to go on from, if any does.
+    It ends where there is room to go on from, beside what stands there too, if any does.
 
     Raises:
         NoWay: each is barred.
@@ -299,7 +319,7 @@ def way_back(mover: Mover, q: Array) -> Array:
                 line = mover.line(q, away)
                 if not mover.bare_free(line, TUNING.grazing):
                     continue
-                if mover.bare_free(line[-1:], MOTION.clearance):
+                if mover.bare_free(line[-1:], MOTION.clearance, standing=True):
                     return line
                 spare = line if spare is None else spare
     if spare is None:

@@ -100,6 +100,12 @@ class Tuning:
     slipping: float = 0.25
     """Share of a slip by which the pose in its middle may be off, as a standard deviation: slips are not even."""
 
+    creep: tuple[float, float] = (1e-4, 5e-4)
+    """By how much it may move in the hand while it is swung where no slip was seen [m], [rad]."""
+
+    mass: float = 0.001
+    """By what held objects seem heavier or lighter than they are, beside what noise does: of 17, 0.9 g [kg]."""
+
 
 TUNING = Tuning()
 
@@ -373,8 +379,10 @@ def inertia_of(model: Model, swung: Swung, empty: Swung | None, surface: Coloure
     loaded = LoadedRun(swung.log, RigidTransform(swung.X_TS), swung.fingers)
     runs = [] if empty is None else [EmptyRun(empty.log, empty.fingers)]
     doubt = ArmDoubt.of_side("link" if model.arm.link_side else "motor")
-    pose = np.hypot(doubt.pose, TUNING.slipping * np.array(swung.slip))
-    found = weigh(model, [loaded], runs, prior, doubt=replace(doubt, pose=(float(pose[0]), float(pose[1]))))
+    p, r = np.hypot(doubt.pose, TUNING.slipping * np.array(swung.slip)).tolist()
+    along, about = np.hypot(TUNING.creep, swung.slip).tolist()
+    doubt = replace(doubt, pose=(p, r), creep=(along, about), mass=TUNING.mass)
+    found = weigh(model, [loaded], runs, prior, doubt=doubt)
     if not (np.isfinite(found.mass) and found.mass > 0.0):
         raise WeighingError(f"the torques tell a mass of {found.mass:g} kg")
     words = ("measured", "partly", "from shape alone")

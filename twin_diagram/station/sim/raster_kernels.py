@@ -127,7 +127,7 @@ def fill(
         edges[i, 3] = (polygon[b, 3] - polygon[a, 3]) / max(polygon[b, 4] - polygon[a, 4], 1e-12)
     across, along = M[0] / lens[0], M[1] / lens[1]
     middle = M[2] - across * lens[2] - along * lens[3]
-    slope = np.float32(across)
+    slope, mine = np.float32(across), np.int32(number)
     for s in range(len(samples)):
         aside, down = samples[s, 0], samples[s, 1]
         first, last = max(0.0, np.ceil(low - down)), min(float(height), np.ceil(high - down))
@@ -143,11 +143,13 @@ def fill(
             if begin >= end:
                 continue
             start = np.float32(across * (begin + aside) + along * y + middle)
-            for k in range(end - begin):
-                w = start + slope * np.float32(k)
-                if w > nearest[s, row, begin + k]:
-                    nearest[s, row, begin + k] = w
-                    who[s, row, begin + k] = number
+            # Something is written whether it is nearer or not: so eight pixels are compared at once.
+            there, seen = nearest[s, row, begin:end], who[s, row, begin:end]
+            for k in range(len(there)):
+                w, old = start + slope * np.float32(np.int32(k)), there[k]
+                nearer = w > old
+                seen[k] = mine if nearer else seen[k]
+                there[k] = w if nearer else old
 
 
 @compiled

@@ -1,0 +1,72 @@
+"""Damping beside dry friction: said where it is known to a half, and not where there is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.gap.made import ARM, WRIST, effect, everywhere
+from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.gap.whole_robot.beside_dry import DAMPING, DRY, damped, largest_share, own_part, told_beside_dry
+from twin_diagram.gap.whole_robot.concluding import sure_ones
+from twin_diagram.gap.whole_robot.estimates import NAMES, covariance
+from twin_diagram.gap.whole_robot.explain import begun, settled
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
+from twin_diagram.gap.whole_robot.torque_equations import equations
+
+DAMPED, LEVEL, NOISE = 1.0, 6.0, 18.0
+
+
+@cache
+def doubted(on_wrist: float) -> tuple[RobotProblem, np.ndarray]:
+    """An arm with dry friction and damping everywhere, whose noisy wrist is told to have dry friction alone."""
+    sizes = [on_wrist if j == WRIST else DAMPED for j in range(6)]
+    grease = effect("viscous_friction", joints=list(ARM.joints), damping=sizes)
+    records = noisy(ARM, ARM.with_effects([everywhere("coulomb_friction", torque=LEVEL), grease]))
+    (made,) = records.records
+    torque = made.torque.copy()
+    torque[:, WRIST] += NOISE * np.random.default_rng(5).normal(size=len(torque))
+    problem, z = settled(begun(records, equations(replace(records, records=(replace(made, torque=torque),)))))
+    own = np.zeros_like(problem.own_free)
+    own[:, [DAMPING, DRY]] = True
+    own[WRIST, DAMPING] = False
+    return settled(replace(problem, own_free=own), z)
+
+
+def wrists_damping(problem: RobotProblem) -> np.ndarray:
+    return (np.arange(6) == WRIST)[:, None] & (np.arange(problem.own_free.shape[1]) == DAMPING)
+
+
+def told(problem: RobotProblem, z: np.ndarray) -> tuple[float, float]:
+    """Damping of the wrist, and its standard error."""
+    fit = solve(problem, None, z)
+    variance = own_part(problem, np.diag(covariance(problem, fit)))[WRIST, DAMPING]
+    return float(own_part(problem, fit)[WRIST, DAMPING]), float(np.sqrt(variance))
+
+
+def test_damping_that_is_known_to_a_half_stands_beside_dry_friction() -> None:
+    problem, z = doubted(DAMPED)
+    more = damped(problem, z)
+    value, error = told(more, z)
+    assert value == pytest.approx(DAMPED, abs=2.0 * error) and error > value / 3.0
+    np.testing.assert_array_equal(more.own_free, problem.own_free | wrists_damping(problem))
+    assert sure_ones(more)[0].own_free[WRIST, DAMPING]
+
+
+def test_where_there_is_none_none_is_said() -> None:
+    problem, z = doubted(0.0)
+    assert damped(problem, z) is problem
+
+
+def test_without_dry_friction_it_must_be_known_to_a_third() -> None:
+    problem, _ = doubted(DAMPED)
+    share = largest_share(replace(problem, own_free=problem.own_free & (np.arange(4) != DRY)), 0.3)
+    assert np.all(share == 0.3) and largest_share(problem, 0.3)[WRIST, DAMPING] > 0.3
+    rubs = {name: Finding(name, ("a",), (), {key: {"a": Estimate(1.0, 0.4, "")}}, 1.0) for name, key in NAMES.values()}
+    assert told_beside_dry([rubs["viscous_friction"], rubs["coulomb_friction"]], 1.0) == set()
+    firm = replace(rubs["coulomb_friction"], parameters={"torque": {"a": Estimate(1.0, 0.1, "")}})
+    assert told_beside_dry([rubs["viscous_friction"], firm], 1.0) == {("viscous_friction", "a")}

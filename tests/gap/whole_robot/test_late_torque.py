@@ -1,0 +1,64 @@
+"""Torque that acts late, told by shifted logs: of all joints, of one alone, and of none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.gap.made import ARM, ELBOW, everywhere
+from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.whole_robot.explain import begun, settled
+from twin_diagram.gap.whole_robot.late_torque import later, likeliest_shift, shifted
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
+from twin_diagram.gap.whole_robot.torque_equations import equations
+from twin_diagram.gap.whole_robot.unusual import carried, offered, terms_of, with_candidate
+
+LATE = 0.012
+
+
+@cache
+def problem(*joints: int) -> tuple[RobotProblem, np.ndarray]:
+    """Of an arm with friction whose torque acts late on some joints; noise is there before that."""
+    records = noisy(ARM, ARM.with_effects([everywhere("viscous_friction", damping=2.0)]), 6.0)
+    (made,) = records.records
+    torque = made.torque.copy()
+    for j in joints:
+        torque[:, j] = np.interp(made.time + LATE, made.time, torque[:, j])
+    return settled(begun(records, equations(replace(records, records=(replace(made, torque=torque),)))))
+
+
+def test_a_delay_of_all_is_told_by_shifted_logs() -> None:
+    start, z = problem(*range(6))
+    assert likeliest_shift(start, z) == pytest.approx(LATE, abs=1e-3)
+    (first,) = offered(terms_of(start.sums, ARM), ("time_delay",))
+    late = later(start, z, first)
+    assert late is not None
+    beside = with_candidate(start, late, 5)
+    assert solve(beside, None, carried(start, z, beside))[beside.place(0)] == pytest.approx(LATE, abs=1e-3)
+
+
+def test_where_nothing_is_late_there_is_no_delay() -> None:
+    start, z = problem()
+    assert likeliest_shift(start, z) < 1e-3
+    (first,) = offered(terms_of(start.sums, ARM), ("time_delay",))
+    assert later(start, z, first) is None
+
+
+def test_one_joint_that_is_late_is_no_delay_of_all() -> None:
+    start, z = problem(ELBOW)
+    (first,) = offered(terms_of(start.sums, ARM), ("time_delay",))
+    assert later(start, z, first) is None
+
+
+def test_shifted_logs_are_those_of_earlier_torque_and_candidates_have_the_residuals_band() -> None:
+    start, _ = problem()
+    (record,) = start.sums.records.records
+    residual = start.sums.records.reduce(lambda r: r.torque - r.given)
+    np.testing.assert_allclose(start.sums.columns[:, :, -1], residual, atol=1e-9)
+    earlier = record.reduce(np.stack([np.interp(record.time - LATE, record.time, x) for x in record.torque.T], axis=1))
+    moved = shifted(start.sums, LATE).columns[:, :, -1]
+    np.testing.assert_allclose(moved, earlier - record.reduce(record.given), atol=1e-9)
+    np.testing.assert_allclose(shifted(start.sums, 0.0).whole, start.sums.whole)

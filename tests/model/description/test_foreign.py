@@ -1,0 +1,204 @@
+"""Descriptions as other programs write them: their meshes, packages and names."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.geometry import Role, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+
+from twin_diagram.errors import ModelError
+from twin_diagram.model import Model
+from twin_diagram.model.description.add_arm import add_arm
+from twin_diagram.planning.collision.collision_scene import load_scene
+from twin_diagram.scenario import ArmModel, Fixture
+
+CORNERS = np.array([[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.2) for z in (0.0, 0.3)])
+QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+TRIANGLES = CORNERS[[[q[0], *pair] for q in QUADS for pair in (q[1:3], q[2:4])]]
+
+INERTIAL = """<inertial><origin xyz="0 0 0.1"/><mass value="2"/>
+ <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def binary_stl(triangles: np.ndarray) -> bytes:
+    rows = [struct.pack("<12fH", *np.zeros(3), *triangle.ravel(), 0) for triangle in triangles]
+    return b"\0" * 80 + struct.pack("<I", len(rows)) + b"".join(rows)
+
+
+def letters_stl(triangles: np.ndarray) -> bytes:
+    lines = ["solid box"]
+    for triangle in triangles:
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += ["vertex {:e} {:e} {:e}".format(*corner) for corner in triangle] + ["endloop", "endfacet"]
+    return "\n".join([*lines, "endsolid box"]).encode()
+
+
+def dae() -> bytes:
+    """The same box in cm, as polygons, set 1 m up by a node that turns it about z by 90°."""
+    numbers = " ".join(f"{100 * x:g}" for x in CORNERS.ravel())
+    corners = " ".join(f"{k} 0" for quad in QUADS for k in quad)
+    return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+    <asset><unit name="cm" meter="0.01"/><up_axis>Z_UP</up_axis></asset>
+    <library_geometries><geometry id="box"><mesh>
+      <source id="p"><float_array id="pa" count="24">{numbers}</float_array>
+        <technique_common><accessor source="#pa" count="8" stride="3"/></technique_common></source>
+      <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+      <polylist count="6"><input semantic="VERTEX" source="#v" offset="0"/>
+        <input semantic="NORMAL" source="#n" offset="1"/><vcount>4 4 4 4 4 4</vcount><p>{corners}</p></polylist>
+    </mesh></geometry></library_geometries>
+    <library_visual_scenes><visual_scene id="s"><node id="a"><translate>0 0 100</translate>
+      <node id="b"><rotate>0 0 2 90</rotate><instance_geometry url="#box"/></node></node></visual_scene>
+    </library_visual_scenes></COLLADA>""".encode()
+
+
+def urdf(mesh: str, more: str = "") -> str:
+    shape = f'<geometry><mesh filename="{mesh}"/></geometry>'
+    return f"""<robot name="arm"><link name="base"/>
+    <link name="link">{INERTIAL}<visual>{shape}</visual><collision>{shape}</collision></link>
+    <joint name="lift" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 1 0"/>
+      <limit lower="-1" upper="1" velocity="1" effort="50"/></joint>{more}</robot>"""
+
+
+def shape_of(description: Path) -> tuple[np.ndarray, np.ndarray, int]:
+    """Lowest and highest corner of the link's only collision shape, and how many shapes are seen of it."""
+    plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    arm = add_arm(plant, description)
+    link = plant.get_body(arm.last_link)
+    (geometry,) = plant.GetCollisionGeometriesForBody(link)
+    inspector = scene_graph.model_inspector()
+    hull = inspector.GetConvexHull(geometry)
+    corners = np.array([hull.vertex(k) for k in range(hull.num_vertices())])
+    X = inspector.GetPoseInFrame(geometry)
+    corners = corners @ X.rotation().matrix().T + X.translation()
+    seen = inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(link.index()), Role.kPerception)
+    return corners.min(axis=0), corners.max(axis=0), len(seen)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "low", "high"),
+    [
+        ("box.stl", binary_stl(TRIANGLES), (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
+        ("Box.STL", letters_stl(TRIANGLES), (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
+        ("box.dae", dae(), (-0.2, 0.0, 1.0), (0.0, 0.1, 1.3)),
+    ],
+)
+def test_meshes_that_drake_does_not_read(
+    tmp_path: Path, name: str, content: bytes, low: tuple[float, ...], high: tuple[float, ...]
+) -> None:
+    """Beside the description, and in a package that nobody named: found above it, also from a corrected model."""
+    package = tmp_path / "my_arm"
+    for folder in ("meshes", "urdf"):
+        (package / folder).mkdir(parents=True)
+    (package / "meshes" / name).write_bytes(content)
+    for mesh in (f"../meshes/{name}", f"package://my_arm/meshes/{name}"):
+        (package / "urdf" / "arm.urdf").write_text(urdf(mesh))
+        Model.load(package / "urdf" / "arm.urdf").save(tmp_path / "corrected")
+        for description in (package / "urdf" / "arm.urdf", tmp_path / "corrected"):
+            found_low, found_high, seen = shape_of(description)
+            np.testing.assert_allclose(found_low, low, atol=1e-6)
+            np.testing.assert_allclose(found_high, high, atol=1e-6)
+            assert seen == 1
+
+
+def test_what_cannot_be_kept_is_turned_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    (tmp_path / "box.stl").write_bytes(binary_stl(TRIANGLES))
+    (tmp_path / "arm.urdf").write_text(urdf("box.stl"))
+    np.testing.assert_allclose(shape_of(tmp_path / "arm.urdf")[1], (0.1, 0.2, 0.3), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("cut.stl", binary_stl(TRIANGLES)[:300]), ("not.dae", b"<COLLADA"), ("none.stl", b"\0" * 84)]
+)
+def test_a_mesh_that_is_spoilt_is_named(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    (tmp_path / "arm.urdf").write_text(urdf(name))
+    with pytest.raises(ModelError, match=name):
+        shape_of(tmp_path / "arm.urdf")
+
+
+MJCF = """<mujoco model="arm"><compiler angle="radian" meshdir="assets"/><include file="meshes.xml"/><worldbody>
+  <body name="base"><inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>
+    <body name="link"><joint name="lift" axis="0 1 0" range="-1 1"/>
+      <inertial pos="0 0 0.1" mass="2" diaginertia="0.1 0.1 0.1"/><geom type="mesh" mesh="box"/></body></body>
+</worldbody></mujoco>"""
+
+
+def test_an_mjcf_with_stl_meshes_and_a_body_without_mass(tmp_path: Path) -> None:
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "assets" / "box.stl").write_bytes(binary_stl(TRIANGLES))
+    (tmp_path / "meshes.xml").write_text('<mujoco><asset><mesh file="box.stl" scale="2 2 2"/></asset></mujoco>')
+    (tmp_path / "arm.xml").write_text(MJCF)
+    model = Model.load(tmp_path / "arm.xml")
+    flat = np.zeros(1)
+    assert model.joints == ("lift",)
+    assert model.inverse_dynamics(flat, flat, flat + 1.0)[0] == pytest.approx(0.1 + 2 * 0.1**2)
+    low, high, _ = shape_of(tmp_path / "arm.xml")
+    np.testing.assert_allclose(high - low, (0.2, 0.4, 0.6), atol=1e-6)
+
+
+CHAIN = """<robot>
+  <material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>
+  <link name="base"/>
+  <link name="tip"><visual><geometry><sphere radius="0.1"/></geometry>
+    <material name="grey"><color rgba="0.6 0.6 0.6 1"/></material></visual>{0}</link>
+  <link name="arm">{0}</link><link name="plate">{0}</link>
+  <joint name="wrist" type="revolute"><parent link="arm"/><child link="tip"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" velocity="1" effort="7"/></joint>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" velocity="1" effort="50"/></joint>
+  <joint name="bolt" type="fixed"><parent link="tip"/><child link="plate"/><mimic joint="wrist"/></joint>
+  {1}
+</robot>"""
+
+
+def transmission(joint: str) -> str:
+    return f"""<transmission name="t_{joint}"><type>transmission_interface/SimpleTransmission</type>
+    <joint name="{joint}"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+    <actuator name="motor"/></transmission>"""
+
+
+def test_names_that_mean_two_things_or_none(tmp_path: Path) -> None:
+    """Two greys, two motors called `motor`, one of a joint that is not there, a fixed joint that follows, no name.
+
+    The wrist stands before the shoulder in the file: joints are told from the base on, and a payload hangs on the tip.
+    """
+    motors = "".join(map(transmission, ("wrist", "shoulder", "finger")))
+    (tmp_path / "arm.urdf").write_text(CHAIN.format(INERTIAL, motors))
+    model = Model.load(tmp_path / "arm.urdf")
+    assert model.joints == ("shoulder", "wrist") and model.last_link == "tip"
+    np.testing.assert_array_equal(model.effort_limit, (50.0, 7.0))
+    assert shape_free(tmp_path / "arm.urdf") == ("shoulder", "wrist")
+
+
+def shape_free(description: Path) -> tuple[str, ...]:
+    """The joints of an arm that is read with its shapes."""
+    plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    return add_arm(plant, description).joints
+
+
+def test_a_last_link_without_a_shape_can_be_planned_with(tmp_path: Path) -> None:
+    """Of three links above a table; the last, drawn nowhere, turns about the one before."""
+    ends = [("base", "one"), ("one", "two"), ("two", "three")]
+    joints = [
+        f"""<joint name="{child}_joint" type="revolute"><parent link="{parent}"/><child link="{child}"/>
+        <origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="50"/></joint>"""
+        for parent, child in ends
+    ]
+    shape = '<collision><geometry><box size="0.05 0.05 0.2"/></geometry></collision>'
+    links = [f'<link name="{child}">{INERTIAL}{shape if child != "three" else ""}</link>' for _, child in ends]
+    (tmp_path / "arm.urdf").write_text("".join(['<robot name="a"><link name="base"/>', *links, *joints, "</robot>"]))
+    arm = ArmModel(model=str(tmp_path / "arm.urdf"), tool_frame="")
+    assert load_scene(arm, [Fixture(model="scenes/table.sdf")], {}).chain.size == 3

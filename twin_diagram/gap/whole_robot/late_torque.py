@@ -1,0 +1,106 @@
+"""How much later the logged torque acts, by logs in which it is that much later: no law of first order.
+
+Stiff control answers noise with torque that moves the arm, some milliseconds later. What acts late is that torque with
+its noise, which the rate of a model's torque hardly has; a logged torque that is shifted has it, and stays as large.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.time_delay import TUNING as TIME_DELAY
+from twin_diagram.gap.candidates.time_delay import delay
+from twin_diagram.gap.search.golden_section import least
+from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.concluding import corrected
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
+from twin_diagram.gap.whole_robot.torque_equations import TorqueEquations, low_passed
+from twin_diagram.gap.whole_robot.unusual import TUNING as UNUSUAL
+from twin_diagram.gap.whole_robot.unusual import terms_of
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand; `sims/benchmarks/gap_whole_robots.py` shows what they do."""
+
+    tried: tuple[float, ...] = (0.0, 0.003, 0.006, 0.01, 0.014, 0.02, 0.03, 0.04, 0.05)
+    """By how much the torque is shifted at first [s]: nearer each other than a band of 20 Hz turns in a quarter."""
+
+    sections: int = 6
+    """Times that what lies between the neighbours of the best shrinks to 0.62 of itself: to half of a millisecond."""
+
+    others: float = 3.0
+    """By how much likelier all joints but the one that gains most must be with a delay of all [nats]: 3.3 and
+    more on 13 arms of training with one that is told. One joint alone that is late moves them by little: up to 4.9 on
+    seven arms, with shifts of 5 ms at most."""
+
+
+TUNING = Tuning()
+
+
+def later(problem: RobotProblem, z: Array, candidate: Candidate) -> Candidate | None:
+    """Return a delay about the one with which logs are likeliest; None where there is none of all joints.
+
+    That is no more than a sample, or one joint's alone.
+
+    Args:
+        problem: with everything usual free, and its noise.
+        z: (Z,) its fit.
+        candidate: a delay to first order.
+    """
+    seconds = likeliest_shift(problem, z)
+    if seconds <= (1.0 + UNUSUAL.edge) * float(candidate.lower[0]):
+        return None
+    gains = costs_of(problem, z, 0.0) - costs_of(problem, z, seconds)
+    if np.sum(gains) - np.max(gains) < TUNING.others:
+        return None
+    moved = replace(problem, sums=shifted(problem.sums, seconds))
+    fit, given = solve(moved, None, z), problem.sums.records.model
+    said = estimates.findings(moved, fit, np.zeros((len(fit), len(fit))), given, defaultdict(lambda: 1.0))
+    model = corrected(given, said, [record.mark for record in problem.sums.records.records])
+    if model is None:
+        return candidate
+    return delay(terms_of(problem.sums, model), TIME_DELAY.longest_delay, seconds)
+
+
+def likeliest_shift(problem: RobotProblem, z: Array) -> float:
+    """Return by how much the torque is shifted where logs are likeliest [s]; 0 where that is not at all, or backwards.
+
+    Args:
+        problem: with everything usual free, and its noise.
+        z: (Z,) its fit.
+    """
+    costs = [float(np.sum(costs_of(problem, z, seconds))) for seconds in TUNING.tried]
+    best = int(np.argmin(costs))
+    if best == 0:
+        return 0.0
+    ends = TUNING.tried[best - 1], TUNING.tried[min(best + 1, len(TUNING.tried) - 1)]
+    return least(lambda seconds: float(np.sum(costs_of(problem, z, seconds))), *ends, TUNING.sections)[1]
+
+
+def costs_of(problem: RobotProblem, z: Array, seconds: float) -> Array:
+    """Return (n,) by how much logs are less likely with a shifted torque, but for a constant [nats].
+
+    Args:
+        problem: with everything usual free, and its noise.
+        z: (Z,) its fit.
+        seconds: by which the torque is later.
+    """
+    moved = replace(problem, sums=shifted(problem.sums, seconds))
+    squares = moved.squares(solve(moved, None, z), moved.sums.whole)
+    return np.asarray(0.5 * problem.share * problem.sums.counted * np.log(np.maximum(squares, 1e-30)))
+
+
+def shifted(sums: TorqueEquations, seconds: float) -> TorqueEquations:
+    """Return the same of torques that were logged some time before [s]."""
+    columns, parts = sums.columns.copy(), []
+    for record in sums.records.records:
+        before = np.stack([np.interp(record.time - seconds, record.time, torque) for torque in record.torque.T], axis=1)
+        parts.append(low_passed(before - record.torque, record)[record.kept])
+    columns[:, :, -1] += np.concatenate(parts)
+    return sums.with_columns(columns)

@@ -1,0 +1,184 @@
+"""Lets Drake's parsers read descriptions as other programs write them.
+
+What is put right in a copy in memory: meshes as STL or COLLADA, packages that lie above the description, motors or
+materials of one name, motors of joints that are not there, fixed joints that claim to follow another one, a name that
+lacks, MJCF's bodies without mass. What needs none of it is parsed as it is.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.tree import ModelInstanceIndex
+
+from twin_diagram.model.description import mesh_files, named_files, unparsed
+
+_KINDS = {".urdf": "urdf", ".sdf": "sdf", ".xml": "xml"}
+"""Suffixes of descriptions, and what Drake calls these kinds of text."""
+
+_MESH = {
+    ".urdf": re.compile(rb"""(<mesh\b[^>]*?\bfilename\s*=\s*["'])([^"']+)"""),
+    ".sdf": re.compile(rb"(<uri>)([^<]+)"),
+    ".xml": re.compile(rb"""(<mesh\b[^>]*?\bfile\s*=\s*["'])([^"']+)"""),
+}
+"""What stands before a mesh's file, and the file."""
+
+_MESH_FOLDER = re.compile(rb"""<compiler\b[^>]*?\b(meshdir|assetdir)\s*=\s*["']([^"']*)""")
+"""Of an MJCF: which attribute, and the folder."""
+_INCLUDE = re.compile(rb"""<include\b[^>]*?\bfile\s*=\s*["']([^"']+)["'][^>]*?(?:/>|>\s*</include>)""")
+"""Of an MJCF: the file that comes in its place."""
+_WRAPPER = re.compile(rb"<\?xml[^>]*\?>|</?mujoco(?:include)?\b[^>]*>")
+"""What goes around the contents of such a file."""
+_EMPTY_NAME = re.compile(rb"""<mujoco\b([^>]*?)\bmodel\s*=\s*(?:""|'')""")
+"""Of an MJCF, which Drake does not take."""
+_INERTIAL = re.compile(rb"""<inertial\b[^>]*?\bmass\s*=\s*["']([^"']+)["'][^>]*?(/?)>""")
+"""Of an MJCF: the mass, and whether the element ends there."""
+_ROBOT = re.compile(rb"<robot\b(?![^>]*\bname\s*=)")
+"""Of a URDF that does not say what it is called."""
+_JOINT_NAME = re.compile(rb"""<joint\b[^>]*?\bname\s*=\s*["']([^"']*)""")
+"""Of a URDF: a joint's name, where it is and where it is spoken of."""
+_TRANSMISSION = re.compile(rb"<transmission\b.*?</transmission>", re.DOTALL)
+"""Of a URDF: a motor and its joint."""
+_ACTUATOR = re.compile(rb"""(<actuator\b[^>]*?\bname\s*=\s*["'])([^"']+)""")
+"""What stands before a motor's name, and the name."""
+_MATERIAL = re.compile(rb"""(<material\b[^>]*?\bname\s*=\s*["'])([^"']*)(["'][^>]*(?<!/)>.*?</material>)""", re.DOTALL)
+"""Of a URDF: what stands before the name of a material, the name, and what the material is."""
+_FIXED = re.compile(rb"""<joint\b[^>]*\btype\s*=\s*["']fixed["'][^>]*(?<!/)>.*?</joint>""", re.DOTALL)
+"""Of a URDF: a fixed joint."""
+_MIMIC = re.compile(rb"<mimic\b[^>]*/>")
+"""What says that a joint follows another one."""
+
+_NO_MASS = b'<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-15 1e-15 1e-15"'
+"""In the place of no mass at all, which Drake ends the program for [kg], [kg·m²]."""
+
+
+def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
+    """Parse the models of a description.
+
+    Args:
+        reader: knows the packages that were told; those found above the description are added to it.
+        path: of the description.
+
+    Raises:
+        ModelError: a mesh that cannot be read.
+        RuntimeError: Drake's parser refuses the description.
+    """
+    kind = path.suffix.lower()
+    if kind not in _KINDS or not path.is_file():
+        return tuple(reader.AddModels(path))
+    given = path.read_bytes()
+    has_geometry = reader.plant().geometry_source_is_registered()
+    if has_geometry:
+        for name, folder in named_files.packages_above(given, path, _folders(reader.package_map())).items():
+            reader.package_map().Add(name, folder)
+    text = given
+    if kind == ".xml":
+        text = _mjcf(text, path)
+    elif kind == ".urdf":
+        text = _urdf(text)
+    if has_geometry or kind == ".xml":
+        text = _MESH[kind].sub(_readable(path, text, _folders(reader.package_map())), text)
+    if text == given:
+        return tuple(reader.AddModels(path))
+    scheme = b"" if kind == ".xml" else b"file://"
+    anchored = named_files.anchored(text, path, scheme).decode(errors="replace")
+    try:
+        return tuple(reader.AddModelsFromString(anchored, _KINDS[kind]))
+    except RuntimeError as error:
+        raise RuntimeError(str(error).replace(f"<literal-string>.{_KINDS[kind]}", str(path))) from error
+
+
+def _folders(packages: PackageMap) -> dict[str, Path]:
+    """Return the folders that need no download."""
+    own = [name for name in packages.GetPackageNames() if name != "drake_models"]
+    return {name: Path(packages.GetPath(name)) for name in own}
+
+
+def _readable(path: Path, text: bytes, packages: Mapping[str, Path]) -> Callable[[re.Match[bytes]], bytes]:
+    """Return what puts an OBJ in the place of a mesh that Drake does not read."""
+    folder = path.parent
+    if path.suffix.lower() == ".xml":
+        said = {match[1]: match[2].decode() for match in _MESH_FOLDER.finditer(text)}
+        folder = path.parent / said.get(b"meshdir", said.get(b"assetdir", ""))
+
+    def replaced(match: re.Match[bytes]) -> bytes:
+        name = match[2].decode(errors="replace").strip()
+        if Path(name).suffix.lower() not in mesh_files.TURNED:
+            return match[0]
+        place = named_files.place_of(name, folder, packages)
+        return match[0] if place is None else match[1] + str(mesh_files.as_obj(place)).encode()
+
+    return replaced
+
+
+def _mjcf(text: bytes, path: Path) -> bytes:
+    """Return an MJCF in one piece, with a name, and with a little mass where it says that there is none."""
+    if unparsed.is_nameless(path):
+        text = _EMPTY_NAME.sub(rb"<mujoco\1", text, count=1).replace(b"<mujoco", b'<mujoco model="robot"', 1)
+    if _asks_for_one_piece(text, path):
+        text = _in_one_piece(text, path.parent, 0)
+    return _INERTIAL.sub(lambda match: _NO_MASS + match[2] + b">" if _is_zero(match[1]) else match[0], text)
+
+
+def _asks_for_one_piece(text: bytes, path: Path) -> bool:
+    """Return whether an MJCF includes a file that must be put right, too."""
+    whole = _in_one_piece(text, path.parent, 0)
+    meshes = (Path(match[2].decode(errors="replace")).suffix.lower() for match in _MESH[".xml"].finditer(whole))
+    massless = any(_is_zero(match[1]) for match in _INERTIAL.finditer(whole))
+    return massless or any(suffix in mesh_files.TURNED for suffix in meshes)
+
+
+def _in_one_piece(text: bytes, folder: Path, depth: int) -> bytes:
+    """Return an MJCF with the files that it includes in their places, whose paths begin in the first one's folder."""
+
+    def content(match: re.Match[bytes]) -> bytes:
+        included = folder / match[1].decode(errors="replace")
+        if depth > 8 or not included.is_file():
+            return match[0]
+        return _in_one_piece(_WRAPPER.sub(b"", included.read_bytes()), folder, depth + 1)
+
+    return _INCLUDE.sub(content, text)
+
+
+def _is_zero(number: bytes) -> bool:
+    try:
+        return float(number) == 0.0
+    except ValueError:
+        return False
+
+
+def _urdf(text: bytes) -> bytes:
+    """Return a URDF with a name, in which no name means two things, or none, and no fixed joint follows another."""
+    motors: set[bytes] = set()
+    paints: dict[bytes, bytes] = {}
+
+    def own_motor(match: re.Match[bytes]) -> bytes:
+        name = next(each for each in _names(match[2]) if each not in motors)
+        motors.add(name)
+        return match[1] + name
+
+    def own_paint(match: re.Match[bytes]) -> bytes:
+        paint = b"".join(match[3][1:].split())
+        name = next(each for each in _names(match[2]) if paints.get(each, paint) == paint)
+        paints[name] = paint
+        return match[1] + name + match[3]
+
+    there = set(_JOINT_NAME.findall(_TRANSMISSION.sub(b"", text)))
+
+    def own_motors(match: re.Match[bytes]) -> bytes:
+        known = there.issuperset(_JOINT_NAME.findall(match[0]))
+        return _ACTUATOR.sub(own_motor, match[0]) if known else b"\n" * match[0].count(b"\n")
+
+    text = _TRANSMISSION.sub(own_motors, _MATERIAL.sub(own_paint, text))
+    text = _ROBOT.sub(b'<robot name="robot"', text, count=1)
+    return _FIXED.sub(lambda joint: _MIMIC.sub(b"", joint[0]), text)
+
+
+def _names(name: bytes) -> Iterator[bytes]:
+    yield name
+    for number in itertools.count(2):
+        yield b"%s_%d" % (name, number)

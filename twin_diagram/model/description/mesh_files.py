@@ -1,0 +1,95 @@
+"""Turns meshes that Drake does not read (STL, COLLADA) into OBJ files, kept in the user's cache."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from twin_diagram.errors import ModelError
+from twin_diagram.model.description import collada
+from twin_diagram.runtime import atomic_file, users_cache
+from twin_diagram.signals.arrays import Array
+
+TURNED: frozenset[str] = frozenset({".stl", ".dae"})
+"""Suffixes, in small letters, of the meshes that are turned."""
+
+_LAYOUT = "1"
+"""Of the OBJ files; another one makes those anew that are kept."""
+
+_VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
+"""Of an STL in letters."""
+_HEADER, _TRIANGLE = 84, 50
+"""Bytes of a binary STL before its triangles, and of each."""
+
+
+def as_obj(path: Path) -> Path:
+    """Return an OBJ file of the same shape and stem, in the unit of the file.
+
+    Args:
+        path: a mesh with a suffix of `TURNED`.
+
+    Raises:
+        ModelError: it cannot be read, or has no triangle.
+    """
+    content = path.read_bytes()
+    name = f"meshes/{hashlib.sha256(_LAYOUT.encode() + content).hexdigest()[:24]}/{path.stem}.obj"
+    kept = users_cache.folder() / name
+    if kept.is_file():
+        return kept
+    text = obj_of(_corners(path, content))
+    try:
+        return atomic_file.write(kept, text)
+    except OSError:
+        aside = users_cache.for_this_process() / name
+        return aside if aside.is_file() else atomic_file.write(aside, text)
+
+
+def _corners(path: Path, content: bytes) -> Array:
+    try:
+        corners = collada.corners(content) if path.suffix.lower() == ".dae" else stl_corners(content)
+    except (ElementTree.ParseError, ValueError, IndexError, KeyError) as error:
+        raise ModelError(f"{path}: not a mesh that can be read: {' '.join(str(error).split())}") from error
+    if not len(corners):
+        raise ModelError(f"{path}: the mesh has no triangles")
+    if not np.all(np.isfinite(corners)):
+        raise ModelError(f"{path}: a vertex of the mesh is not finite")
+    return corners
+
+
+def stl_corners(content: bytes) -> Array:
+    """Return the corners (T, 3, 3) of an STL's triangles, binary or in letters.
+
+    Raises:
+        ValueError: it is cut off.
+    """
+    if len(content) >= _HEADER:
+        count = int.from_bytes(content[_HEADER - 4 : _HEADER], "little")
+        if len(content) >= _HEADER + _TRIANGLE * count and not (content[:5] == b"solid" and _VERTEX.search(content)):
+            rows = np.frombuffer(content, np.uint8, _TRIANGLE * count, _HEADER).reshape(count, _TRIANGLE)
+            return np.ascontiguousarray(rows[:, 12:48]).view("<f4").reshape(count, 3, 3).astype(float)
+    numbers = np.array(_VERTEX.findall(content)).astype(float)
+    if not len(numbers) or len(numbers) % 3:
+        raise ValueError("it is cut off, or no STL")
+    return numbers.reshape(-1, 3, 3)
+
+
+def obj_of(corners: Array) -> str:
+    """Return an OBJ file's text: triangles (T, 3, 3) with the normals of their planes, but for those without area."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    kept = area > 0.0
+    vertices, index = np.unique(corners[kept].reshape(-1, 3), axis=0, return_inverse=True)
+    normals = across[kept] / area[kept, None]
+    number = np.arange(1, len(normals) + 1)
+    faces = np.empty((len(normals), 6), dtype=np.int64)
+    faces[:, ::2] = index.reshape(-1, 3) + 1
+    faces[:, 1::2] = number[:, None]
+    return (
+        ("v %.9g %.9g %.9g\n" * len(vertices)) % tuple(vertices.ravel().tolist())
+        + ("vn %.6g %.6g %.6g\n" * len(normals)) % tuple(normals.ravel().tolist())
+        + ("f %d//%d %d//%d %d//%d\n" * len(faces)) % tuple(faces.ravel().tolist())
+    )

@@ -1,0 +1,105 @@
+"""Finds the files that a description names: beside it, in its packages, and in the folders above it."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+_RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
+"""Of a URDF, SDF or MJCF: what stands before a file's name, and the name."""
+_FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"']+?)\s*(?=["'])""")
+"""Of an MJCF's meshes and pictures, which its files are looked up in."""
+_IN_PACKAGE = re.compile(rb"""(?<=["'>])\s*(?:package|model)://([^/"'<>\s]+)/([^"'<>]+?)\s*(?=["'<])""")
+"""Of a URI: the package, and the file's path in it."""
+_MANIFEST_NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
+"""Of a ROS package."""
+
+
+def anchored(text: bytes, description: Path, prefix: bytes = b"") -> bytes:
+    """Return a description's text, with the files beside it or in packages above it named by absolute paths.
+
+    Args:
+        text: of the description.
+        description: the file that it is from.
+        prefix: of absolute paths: `file://` where the text itself is parsed.
+    """
+
+    def file(match: re.Match[bytes]) -> bytes:
+        path = description.parent / os.fsdecode(match[2])
+        relative = b"://" not in match[2] and path.is_file()
+        return match[1] + prefix + os.fsencode(path.resolve()) if relative else match[0]
+
+    def folder(match: re.Match[bytes]) -> bytes:
+        path = description.parent / os.fsdecode(match[2])
+        return match[1] + os.fsencode(path.resolve()) if path.is_dir() else match[0]
+
+    def in_package(match: re.Match[bytes]) -> bytes:
+        package = package_above(description, os.fsdecode(match[1]), os.fsdecode(match[2]))
+        return match[0] if package is None else prefix + os.fsencode(package / os.fsdecode(match[2]))
+
+    if description.suffix.lower() == ".xml":
+        text = _FOLDER.sub(folder, text)
+    return _IN_PACKAGE.sub(in_package, _RELATIVE_FILE.sub(file, text))
+
+
+def packages_above(text: bytes, description: Path, known: Mapping[str, Path]) -> dict[str, Path]:
+    """Return the folders of packages that a description names, nobody told, and a folder above it is or holds.
+
+    Args:
+        text: of the description.
+        description: the file that it is from.
+        known: folders of those that were told.
+    """
+    found: dict[str, Path] = {}
+    for match in _IN_PACKAGE.finditer(text):
+        name = os.fsdecode(match[1])
+        if name not in known and name not in found:
+            package = package_above(description, name, os.fsdecode(match[2]))
+            if package is not None:
+                found[name] = package
+    return found
+
+
+def package_above(description: Path, name: str, rest: str) -> Path | None:
+    """Return the folder of a package that holds a file, looked for upwards from a description; None: there is none.
+
+    A folder is a package by its own name, as ROS lays them out, or by what its package.xml says.
+
+    Args:
+        description: where to begin.
+        name: of the package.
+        rest: the file's path in it.
+    """
+    for above in description.resolve().parents:
+        if (above / name / rest).is_file():
+            return above / name
+        if (above / rest).is_file() and (above.name == name or _named_in_manifest(above) == name):
+            return above
+    return None
+
+
+def _named_in_manifest(folder: Path) -> str | None:
+    try:
+        match = _MANIFEST_NAME.search((folder / "package.xml").read_bytes())
+    except OSError:
+        return None
+    return None if match is None else os.fsdecode(match[1])
+
+
+def place_of(name: str, folder: Path, packages: Mapping[str, Path]) -> Path | None:
+    """Return the file that a description means; None where there is no such file.
+
+    Args:
+        name: a path or URI as it stands there.
+        folder: that relative paths begin in.
+        packages: folders by package name.
+    """
+    scheme, _, rest = name.strip().rpartition("://")
+    if scheme in ("package", "model"):
+        package, _, rest = rest.partition("/")
+        path = packages[package] / rest if package in packages else None
+    else:
+        path = Path(rest) if scheme == "file" else folder / rest if not scheme else None
+    return path if path is not None and path.is_file() else None
