@@ -16,6 +16,7 @@ from twin_diagram.perception.registration.colour_votes import TUNING, colour_cos
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.naming import Naming
 from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.recognition import looks_like_itself
 from twin_diagram.perception.registration.registration import RegisteredPose, register
@@ -31,6 +32,7 @@ from twin_diagram.perception.registration.tracking import (
     due,
     orientations,
     search_for,
+    step,
 )
 from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
 from twin_diagram.perception.registration.turned_alike import after_image as odds_after
@@ -38,6 +40,7 @@ from twin_diagram.perception.registration.turned_alike import probability, weigh
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import floats, register_where_expected, stands_out, unmistaken
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.scenario.resources import models_dir
 
 Array = npt.NDArray[np.float64]
@@ -92,23 +95,37 @@ def test_a_pose_that_shows_next_to_nothing_is_no_rival(box: Known) -> None:
     assert colour_costs(box.model, seen([thing]).frame, poses, 200)[1] == TUNING.never
 
 
+def beside(other: Thing, hidden: Thing | None) -> Segments:
+    """Return an image of one thing, without depth where another one would be."""
+    view = camera()
+    rgb, depth, _ = picture(view, [other])
+    if hidden is not None:
+        (u,), (v,), _ = view.project(hidden.p[None])
+        depth[max(int(v) - 90, 0) : int(v) + 90, max(int(u) - 90, 0) : int(u) + 90] = 0.0
+    return segment(rgb, depth, 1.0, Grid.of(view, 2), AIR)
+
+
 @pytest.mark.parametrize(("hidden", "ago", "found"), [(True, 0.07, False), (True, 0.6, True), (False, 0.07, True)])
 def test_what_is_hidden_where_it_was_a_moment_ago_is_not_found_elsewhere(
     box: Known, hidden: bool, ago: float, found: bool
 ) -> None:
     before, other = standing(box, 0.45, -0.2), standing(box, 0.6, 0.2)
-    view = camera()
-    rgb, depth, _ = picture(view, [other])
-    if hidden:
-        (u,), (v,), _ = view.project(before.p[None])
-        depth[max(int(v) - 90, 0) : int(v) + 90, max(int(u) - 90, 0) : int(u) + 90] = 0.0
-    segments = segment(rgb, depth, 1.0, Grid.of(view, 2), AIR)
+    segments = beside(other, before if hidden else None)
     image = View(segments, Frame.of(segments), PARAMS, 60)
     slot = Slot(True, before.R, before.p, np.zeros(6), 1.0 - ago)
     free = np.ones(len(segments.labels), dtype=bool)
     result = search_for([box], [slot], [0], image, free)
     assert (0 in result) == found
     assert not found or np.linalg.norm(result[0].p - other.p) < 0.01
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+def test_what_was_taken_from_where_it_stood_may_be_in_the_air(box: Known, hidden: bool) -> None:
+    before, other = standing(box, 0.45, -0.2), standing(Known.of(model("can")), 0.6, 0.2)
+    segments = beside(other, before if hidden else None)
+    slot = Slot(True, before.R, before.p, np.zeros(6), 0.5)
+    (after,), _, _ = step([box], [slot], segments, PARAMS, 60)
+    assert carried(after, 1.0) != hidden and after.attempts == 1
 
 
 @pytest.mark.parametrize("turn", [np.diag([-1.0, -1.0, 1.0]), np.diag([1.0, -1.0, -1.0])])
@@ -126,6 +143,15 @@ def test_where_colours_do_not_tell_a_pose_stays(box: Known) -> None:
     left = unmistaken(box, view, one)
     assert left.R is one.R and left.p is one.p
     assert left.odds == TURNED.unsaid
+
+
+def test_what_is_turned_back_keeps_its_name(box: Known) -> None:
+    thing = standing(box)
+    view = seen([thing])
+    turned = register(box.model, view.frame, thing.R @ np.diag([-1.0, -1.0, 1.0]), thing.p, PARAMS)
+    after = unmistaken(box, view, replace(turned, named=Naming(-0.4, 1), by_shape=False))
+    assert np.trace(after.R.T @ thing.R) > 2.9, "it is turned back"
+    assert after.named == Naming(-0.4, 1) and after.by_shape is False
 
 
 def test_a_pose_that_colours_tell_is_sure_with_the_second_image_and_stays_so(box: Known) -> None:

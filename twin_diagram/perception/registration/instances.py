@@ -163,6 +163,11 @@ def emptiness(model: ModelCloud, slot: Slot, segments: Segments) -> float:
     return look.empty if open_ >= TUNING.open_share and look.empty >= TUNING.empty * open_ else 0.0
 
 
+def taken(model: ModelCloud, slot: Slot, segments: Segments) -> bool:
+    """Return whether something took an object: its place is seen empty."""
+    return slot.known and emptiness(model, slot, segments) > 0.0
+
+
 def recognised(
     library: Mapping[int, Known],
     of: npt.NDArray[np.int64],

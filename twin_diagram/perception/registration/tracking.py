@@ -12,7 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
-from twin_diagram.perception.registration.instances import emptiness
+from twin_diagram.perception.registration.instances import taken
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming_evidence import TUNING as NAMING
 from twin_diagram.perception.registration.naming_evidence import colours_speak, is_another, naming
@@ -142,7 +142,8 @@ def _remembered(
         if one is not None:
             after[k] = _seen(library[k], before, one, view)
         elif k in challenged or not just_lost(slots[k], time):
-            after[k] = postponed(slots[k], time, params)
+            before = replace(slots[k], aloft=slots[k].aloft or taken(library[k].model, slots[k], view.segments))
+            after[k] = postponed(before, time, params)
     for k, pose in tracked.items():
         after[k] = _seen(library[k], slots[k], pose, view)
         if doubtful(pose, slots[k].alike):
@@ -229,7 +230,6 @@ def search_for(
         k: _named(library[k], view, one.registration)
         for k, one in found.items()
         if _got_to(library[k], slots[k], view, one.registration)
-        and _convincing(library[k], slots[k], view, one.registration)
     }
     ask = view.params.told_by_shape
     believed = {k: one for k, one in convincing.items() if carried(slots[k], time) or _told(library[k], one, ask)}
@@ -242,8 +242,9 @@ def search_for(
 
 
 def _got_to(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
-    """Return whether an object that is lost has got to a pose: it may be hidden where it was, if it is too far off."""
-    return aloft(slot, view.segments.time).reaches(one) or emptiness(known.model, slot, view.segments) > 0.0
+    """Return whether a lost object can be where a search found it, and is: it may be hidden where it was, if not."""
+    reached = aloft(slot, view.segments.time).reaches(one) or taken(known.model, slot, view.segments)
+    return reached and _convincing(known, slot, view, one)
 
 
 def _told(known: Known, one: RegisteredPose, ask: bool) -> bool:
@@ -344,8 +345,7 @@ def orientations(known: Known, slot: Slot, time: float) -> list[tuple[Array, flo
 
 def doubtful(one: RegisteredPose, usual: float) -> bool:
     """Return whether an object's shape is not all there, or its colours are not: it may be another thing."""
-    alike = one.quality >= TUNING.doubtful * one.shape and looks_like_itself(one, usual)
-    fits = one.shape >= TUNING.whole and alike
+    fits = one.shape >= TUNING.whole and one.quality >= TUNING.doubtful * one.shape and looks_like_itself(one, usual)
     return not fits and one.visible_share >= TUNING.shown
 
 

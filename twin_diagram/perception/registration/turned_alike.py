@@ -113,6 +113,7 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
     against[worth] = np.inf
     told = float(against[far].min(initial=np.inf))
     others = [x for x in found if x is not None and turned(x.R, one.R) > TUNING.same]
+    others = [replace(x, named=one.named, by_shape=one.by_shape) for x in others]
     if max(x.quality / max(x.shape, 1e-9) for x in (one, *others)) < TUNING.speaks:
         return replace(one, odds=max(before, TUNING.unsaid))
     if others:
