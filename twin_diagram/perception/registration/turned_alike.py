@@ -19,6 +19,7 @@ from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
+from twin_diagram.perception.registration.sunk import sunk_costs
 from twin_diagram.perception.registration.view import View
 from twin_diagram.signals.arrays import Array
 
@@ -173,9 +174,10 @@ def _worth(R: Array, against: Array, far: npt.NDArray[np.bool_], unsure: bool) -
 
 
 def _worse(model: ModelCloud, view: View, one: RegisteredPose, others: Sequence[RegisteredPose]) -> Array:
-    """Return (K,) how much less likely than a registered pose others are, by shape and colours [nat]."""
+    """Return (K,) how much less likely than a registered pose others are, by shape, colours and the table [nat]."""
     poses = Poses(np.stack([x.R for x in (one, *others)]), np.stack([x.p for x in (one, *others)]))
     own = claimed(model, view.segments, one.R, one.p, TUNING.around)
     whole = compare(model, view.frame, poses, view.segments.points_W[own], FINE)
     whole += colour_costs(model, view.frame, poses, view.params.model_points)
+    whole += sunk_costs(model.points, poses, view.segments.planes)
     return np.asarray(whole[1:] - whole[0])
