@@ -29,7 +29,10 @@ from twin_diagram.logs import Log, read_log, write_log
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 SLIM = CHECKOUT / ".make" / "slim.txt"
-BIG = ("coacd", "cv2", "fast_simplification", "libusb_package", "numba", "open3d", "proxsuite", "trimesh", "vhacdx")
+BIG = (
+    *("coacd", "collada", "cv2", "fast_simplification", "libusb_package", "numba", "open3d", "proxsuite", "trimesh"),
+    "vhacdx",
+)
 """What the slim installation does without, as it is imported."""
 
 
