@@ -11,7 +11,8 @@ import numpy.typing as npt
 import trimesh
 from pose_truth.things import OWN
 
-from twin_diagram.assets.building.from_mesh import build_from_mesh, z_up
+from twin_diagram.assets.building.from_mesh import build_from_mesh
+from twin_diagram.assets.building.source_mesh import z_up
 from twin_diagram.assets.description import read_spec
 from twin_diagram.scenario import models_dir
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -106,6 +107,20 @@ def test_gltf_is_turned_upright_and_its_nodes_are_placed(tmp_path: Path, kind: s
     assert knob[:, 2].mean() - (vertices[:, 2].max() + vertices[:, 2].min()) / 2 == pytest.approx(0.05, abs=1e-6)
     centre = np.average([[0, 0, 0], [0, -0.035, 0.05]], axis=0, weights=[0.05 * 0.2 * 0.05, 0.02**3])
     np.testing.assert_allclose(read_spec(tmp_path / "lib" / "a").origin, centre, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("up", "size"), [("Z_UP", [0.1, 0.2, 0.3]), ("Y_UP", [0.1, 0.3, 0.2]), ("X_UP", [0.2, 0.3, 0.1])]
+)
+def test_collada_tells_its_unit_and_what_is_up(tmp_path: Path, up: str, size: list[float]) -> None:
+    text = trimesh.exchange.dae.export_collada(box(10.0, 20.0, 30.0)).decode()
+    text = re.sub(r"<up_axis>\w+</up_axis>", f"<up_axis>{up}</up_axis>", text)
+    assert up in text
+    text = re.sub(r"<unit [^>]*/>", "", text).replace(f"<up_axis>{up}", f'<unit name="cm" meter="0.01"/><up_axis>{up}')
+    (tmp_path / "a.dae").write_text(text)
+    built = build_from_mesh(tmp_path / "a.dae", "a", tmp_path / "lib", mass=1.0)
+    np.testing.assert_allclose(built.size, size, atol=1e-6)
+    assert built.volume == pytest.approx(0.006, rel=1e-5)
 
 
 def test_the_plant_knows_mass_centre_and_moments(tmp_path: Path) -> None:

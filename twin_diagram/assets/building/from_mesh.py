@@ -18,7 +18,7 @@ from twin_diagram.assets.building.inertia import EvenBody, solid_of
 from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.assets.building.one_texture import one_texture
 from twin_diagram.assets.building.pieces import pieces_of
-from twin_diagram.assets.building.source_mesh import read_source
+from twin_diagram.assets.building.source_mesh import read_source, z_up
 from twin_diagram.assets.building.surface import Surface, weld, with_normals
 from twin_diagram.assets.building.write_asset import NewAsset, place_for, write_asset
 from twin_diagram.assets.description import read_spec
@@ -79,7 +79,7 @@ def build_from_mesh(
     glTF, whose y axis is up, is turned; other meshes are taken to stand as they are, z upwards.
 
     Args:
-        mesh: .obj, .stl, .ply, .glb or .gltf.
+        mesh: .obj, .stl, .ply, .glb, .gltf or .dae, which tells unit and upward axis itself.
         name: of the asset: letters, digits, `_`, `-`.
         library: the folder of assets; made where there is none.
         mass: [kg]
@@ -177,11 +177,6 @@ def build_from_triangles(
     if symmetries := read_spec(folder).symmetries:
         said.append(f"looks the same turned: {', '.join(symmetries)} (asset.yaml: symmetries)")
     return BuiltAsset(folder, float(mass), solid.volume, np.ptp(surface.vertices, axis=0), tuple(said))
-
-
-def z_up(points: Array) -> Array:
-    """Return points (…, 3) of axes with y upwards in such with z upwards; x stays."""
-    return np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1)
 
 
 def _named(path: Path, make: Callable[[], Made]) -> Made:

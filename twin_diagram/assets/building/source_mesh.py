@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -101,6 +101,7 @@ def read_source(path: Path, *, looks: bool = True) -> Source:
             lie elsewhere; the message names it.
     """
     readers: Final[dict[str, Callable[[Path, Beside, bool], list[Part]]]] = {
+        ".dae": _read_collada,
         ".obj": _read_obj,
         ".stl": _read_with_trimesh,
         ".ply": _read_with_trimesh,
@@ -246,6 +247,27 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
     if beside.problem:
         raise beside.problem  # the reader may have gone on without the file
     return parts
+
+
+def _read_collada(path: Path, beside: Beside, looks: bool) -> list[Part]:
+    """Read COLLADA: its file tells its unit, of which metres are made, and which axis is up, which becomes z."""
+    import collada
+
+    parts = _read_with_trimesh(path, beside, looks)
+    told = collada.Collada(io.BytesIO(path.read_bytes()), ignore=[collada.common.DaeError]).assetInfo
+    scale = float(told.unitmeter or 1.0)
+    upright = {"X_UP": x_becomes_up, "Y_UP": z_up}.get(str(told.upaxis), np.asarray)
+    return [replace(part, corners=scale * upright(part.corners)) for part in parts]
+
+
+def z_up(points: Array) -> Array:
+    """Return points (…, 3) of axes with y upwards in such with z upwards; x stays."""
+    return np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1)
+
+
+def x_becomes_up(points: Array) -> Array:
+    """Turn points (…, 3) of axes with x upwards into such with z upwards; y becomes −x, as COLLADA has it."""
+    return np.stack([-points[..., 1], points[..., 2], points[..., 0]], axis=-1)
 
 
 def _grey(corners: Array) -> Part:

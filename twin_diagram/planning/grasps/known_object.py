@@ -10,9 +10,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from twin_diagram.assets.asset import Asset
-from twin_diagram.assets.building.from_mesh import UNITS, check_size, check_told, z_up
+from twin_diagram.assets.building.from_mesh import UNITS, check_size, check_told
 from twin_diagram.assets.building.inertia import solid_of
-from twin_diagram.assets.building.source_mesh import read_source
+from twin_diagram.assets.building.source_mesh import read_source, z_up
 from twin_diagram.assets.building.surface import weld
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import read_obj
