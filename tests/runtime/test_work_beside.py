@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -132,7 +133,7 @@ def test_questions_are_alike_to_the_bit() -> None:
     values = np.arange(6.0).reshape(2, 3)
     same = (values, values.copy(), np.asfortranarray(values))
     assert all(alike(Picture(1, values), Picture(1, each)) for each in same)
-    other = (values[:1], values.astype(np.float32), values + 1e-15, -values, values.ravel())
+    other: tuple[Any, ...] = (values[:1], values.astype(np.float32), values + 1e-15, -values, values.ravel())
     assert not any(alike(Picture(1, values), Picture(1, each)) for each in other)
     assert alike((1, b"2"), (1, b"2")) and not alike((1, b"2"), (1, b"3")) and not alike(1, True)
 
