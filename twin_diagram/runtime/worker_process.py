@@ -33,6 +33,10 @@ WORKER: Final = (sys.executable, "-m", "twin_diagram.runtime.worker")
 IMAGE_THREADS: Final = {"OPENCV_FOR_THREADS_NUM": "1"}
 """As everywhere in a run, a second thread for small images costs more than it gives."""
 
+KEPT_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "1000000000"}
+"""For glibc [bytes]: a picture's megabyte that was freed is kept, not given back and asked for anew at the next. Both
+together, for either alone keeps the other from adapting; the first is the most that is taken."""
+
 
 class WorkerProcess:
     """A process that answers questions until it ends, by itself or by `end`; it is never started again.
@@ -61,7 +65,7 @@ class WorkerProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._told,
-            env={**environment(), **IMAGE_THREADS},
+            env={**KEPT_MEMORY, **environment(), **IMAGE_THREADS},
             start_new_session=True,  # a terminal's signal is for the run, which ends the worker
         )
         self._asked: queue.Queue[bytes | None] = queue.Queue()
