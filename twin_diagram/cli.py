@@ -37,6 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     command: Callable[[argparse.Namespace], int] = arguments.command
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
     logging.getLogger("drake").addFilter(_worth_saying)
+    if arguments.verbose:
+        logging.getLogger("twin_diagram").setLevel(logging.DEBUG)
     try:
         with missing_packages_named(), one_thread(), stoppable():  # before NumPy is imported
             _import_effects(getattr(arguments, "imported", []))
@@ -95,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
 
     parser = _Parser(prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram.")
     parser.add_argument("--version", action="version", version=f"twin-diagram {__version__}")
+    parser.add_argument("--verbose", action="store_true", help="say all that Drake warns of in a description")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
     run = commands.add_parser("run", help="run a scenario: station and twin in closed loop")
