@@ -261,9 +261,11 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
 
 def _run(arguments: argparse.Namespace) -> int:
     from twin_diagram.native import require_egl
+    from twin_diagram.runs.places import check_places
     from twin_diagram.scenario.file import load_scenario
 
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
+    check_places(arguments.out, arguments.record, arguments.log)  # before seconds of importing
     require_packages(*RUN)
     if scenario.station == "sim" and scenario.twin.perceiving:
         require_egl()
@@ -283,23 +285,19 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
+    from twin_diagram.runs.places import check_places
+    from twin_diagram.runs.replayed import replay_scenario
+
+    scenario = replay_scenario(arguments.log, arguments.model, _overrides(arguments), arguments.columns)
+    check_places(arguments.out, None, None)
     require_packages(*RUN)
-    from twin_diagram.runs.run import replay_log
+    from twin_diagram.runs.run import run_scenario
 
     def say(text: str) -> None:
         """What the twin believes is JSON, which another program may read; anything else goes beside it."""
         print(text, file=sys.stdout if text.startswith("{") else sys.stderr, flush=True)
 
-    replay_log(
-        arguments.log,
-        model=arguments.model,
-        overrides=_overrides(arguments),
-        columns=arguments.columns,
-        out=arguments.out,
-        show=arguments.meshcat,
-        meldis=arguments.meldis,
-        say=say,
-    )
+    run_scenario(scenario, out=arguments.out, show=arguments.meshcat, meldis=arguments.meldis, say=say)
     return 0
 
 

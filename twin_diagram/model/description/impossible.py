@@ -1,4 +1,4 @@
-"""Refuses what no arm can have: Drake takes a negative mass for a positive one, and ends the program for some limits."""
+"""Refuses what no arm can have: Drake takes a negative mass for a positive one, and ends the program at some limits."""
 
 from __future__ import annotations
 
