@@ -37,6 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     command: Callable[[argparse.Namespace], int] = arguments.command
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
     logging.getLogger("drake").addFilter(_worth_saying)
+    if arguments.verbose:
+        logging.getLogger("twin_diagram").setLevel(logging.DEBUG)
     try:
         with missing_packages_named(), one_thread(), stoppable():  # before NumPy is imported
             _import_effects(getattr(arguments, "imported", []))
@@ -95,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
 
     parser = _Parser(prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram.")
     parser.add_argument("--version", action="version", version=f"twin-diagram {__version__}")
+    parser.add_argument("--verbose", action="store_true", help="say all that Drake warns of in a description")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
     run = commands.add_parser("run", help="run a scenario: station and twin in closed loop")
@@ -258,9 +261,11 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
 
 def _run(arguments: argparse.Namespace) -> int:
     from twin_diagram.native import require_egl
+    from twin_diagram.runs.places import check_places
     from twin_diagram.scenario.file import load_scenario
 
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
+    check_places(arguments.out, arguments.record, arguments.log)  # before seconds of importing
     require_packages(*RUN)
     if scenario.station == "sim" and scenario.twin.perceiving:
         require_egl()
@@ -280,23 +285,19 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
+    from twin_diagram.runs.places import check_places
+    from twin_diagram.runs.replayed import replay_scenario
+
+    scenario = replay_scenario(arguments.log, arguments.model, _overrides(arguments), arguments.columns)
+    check_places(arguments.out, None, None)
     require_packages(*RUN)
-    from twin_diagram.runs.run import replay_log
+    from twin_diagram.runs.run import run_scenario
 
     def say(text: str) -> None:
         """What the twin believes is JSON, which another program may read; anything else goes beside it."""
         print(text, file=sys.stdout if text.startswith("{") else sys.stderr, flush=True)
 
-    replay_log(
-        arguments.log,
-        model=arguments.model,
-        overrides=_overrides(arguments),
-        columns=arguments.columns,
-        out=arguments.out,
-        show=arguments.meshcat,
-        meldis=arguments.meldis,
-        say=say,
-    )
+    run_scenario(scenario, out=arguments.out, show=arguments.meshcat, meldis=arguments.meldis, say=say)
     return 0
 
 

@@ -30,7 +30,7 @@ from pydrake.multibody.tree import (
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError, ScenarioError
-from twin_diagram.model.description import foreign, unparsed
+from twin_diagram.model.description import foreign, impossible, parser_warnings, unparsed
 from twin_diagram.scenario import resources
 from twin_diagram.scenario.poses import pose
 
@@ -188,8 +188,12 @@ def add_arm(
             that are), or a base that is fixed by the description although X_WB is given.
     """
     spec = resolve(spec, packages, base_dir)
+    impossible.refuse_impossible(Path(spec.model))
     try:
-        instances = foreign.add_models(parser(plant, packages), Path(spec.model))
+        with parser_warnings.in_one_line(Path(spec.model)):
+            instances = foreign.add_models(parser(plant, packages), Path(spec.model))
+    except SystemExit as error:  # of a condition within Drake, from which pydrake would end the program
+        raise ModelError(f"{spec.model}: Drake's parser does not hold it: {_first_line(error)}") from error
     except RuntimeError as error:
         said = _first_line(error)
         unknown = re.search(r"unknown package '([^']+)'", said)
@@ -233,7 +237,7 @@ def add_arm(
     )
 
 
-def _first_line(error: Exception) -> str:
+def _first_line(error: BaseException) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
 
 

@@ -21,6 +21,7 @@ from twin_diagram.scenario import Scenario, WorldObject
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.station.add_models import add_model, transform, weld_roots
 from twin_diagram.station.sim.arm_plant import ArmPlant, add_arm
+from twin_diagram.station.sim.floors import bound_floors
 from twin_diagram.station.sim.grip_contact import make_gripping, rub, touch_by_surfaces
 from twin_diagram.station.sim.merged_shapes import merge_shapes
 from twin_diagram.station.sim.movers import Path, add_carriage
@@ -143,6 +144,7 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
         assert carriages is not None
         add_carriage(plant, carriages, name, path, bodies[name], world.objects[name].push)
     make_gripping(plant, arm.fingers)
+    bound_floors(plant, scene_graph)
     plant.Finalize()
     # What is moved on a carriage needs no table to stand on, and the arm's base stands in it.
     standing = [plant.get_body(arm.arm.base), *(bodies[name] for name in paths)]
