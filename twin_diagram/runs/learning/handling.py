@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.estimation.weighing import Excitation
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.transforms_folder import write_transforms
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
@@ -25,7 +26,7 @@ from twin_diagram.runs.learning.bin_view import (
 )
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
-from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames, tilts_of
+from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
 from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
 from twin_diagram.runs.learning.in_the_way import in_the_way
@@ -34,7 +35,7 @@ from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take, unlike
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
-from twin_diagram.runs.learning.seen_map import Boxes, SeenMap
+from twin_diagram.runs.learning.seen_map import SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.steady_picture import steady_picture
 from twin_diagram.runs.learning.weighing import Slipping, slipped, swing_empty, swing_held, write_swung
@@ -394,6 +395,6 @@ def let_go(tools: Tools) -> PutDown | None:
     return fell
 
 
-def write_frames(folder: Path, shown: ShownObject) -> None:
-    """Write the pictures with poses in S and masks of object and hand, as reconstruction backends read them."""
-    write_transforms(folder, *posed_frames(shown.followed))
+def write_frames(folder: Path, shown: ShownObject, gripper: Gripper) -> None:
+    """Write the pictures with poses in S, masks, and where the hand was, as reconstruction backends read them."""
+    write_transforms(folder, *posed_frames(shown.followed), hands_of(shown.followed, shown.openings, gripper))
