@@ -283,7 +283,7 @@ def test_outputs_are_tried_before_the_work(
         monkeypatch.setattr(f"twin_diagram.{place}", work)
     monkeypatch.setattr("twin_diagram.runs.outputs.open_recording", work)
     if command == "replay":
-        monkeypatch.setattr("twin_diagram.runs.run.read_log", read_log)  # how long it takes is asked first
+        monkeypatch.setattr("twin_diagram.runs.replayed.read_log", read_log)  # how long it takes is asked first
     target = "new/x.csv" if command == "predict" or option == "--log" else "new/x"
     line = refused(command, *PLACES[command][0], option, target)
     assert f"{option} {target}: cannot be written: Read-only file system" in line
