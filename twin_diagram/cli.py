@@ -60,6 +60,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read the output has enough of it; keep the interpreter from complaining about it at exit.
         _leave_stdout()
         return 0
+    except MemoryError as error:
+        print(
+            f"error: not enough memory: {' '.join(str(error).split()) or 'something asked for is too large'}",
+            file=sys.stderr,
+        )
+        return 2
     except OSError as error:
         print(f"error: {_said(error)}", file=sys.stderr)
         try:
