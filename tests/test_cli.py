@@ -620,3 +620,14 @@ def test_runs_that_tell_too_little_are_refused_in_one_line(
     assert cli.main(["gap", "--model", "arms/ur5e.urdf", *logs]) == 2
     err = capsys.readouterr().err
     assert err.startswith("error: these runs are too short") and err.count("\n") == 1
+
+
+def test_a_terminal_without_our_letters_gets_the_rest(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "twin_diagram", "fields", "twin.filter"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and "encoder_std" in done.stdout, done.stderr

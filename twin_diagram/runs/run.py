@@ -59,9 +59,9 @@ def _one_image_thread() -> Iterator[None]:
 def run_scenario(
     scenario: Scenario,
     *,
-    out: Path | None = None,
-    record: Path | None = None,
-    log: Path | None = None,
+    out: str | Path | None = None,
+    record: str | Path | None = None,
+    log: str | Path | None = None,
     show: bool = False,
     meldis: bool = False,
     pictures: bool = True,
@@ -92,6 +92,7 @@ def run_scenario(
         KeyboardInterrupt: as Ctrl-C raises it, once recording, log, events and summary are closed; the summary says
             ``stopped``, and there are no pictures.
     """
+    out, record, log = (None if place is None else Path(place) for place in (out, record, log))
     check_places(out, record, log)
     leave = RunFolder(out)
     look = _looking(scenario, out is not None and pictures, show, meldis)
@@ -208,12 +209,12 @@ def _stopped(stop: KeyboardInterrupt | None) -> dict[str, Any]:
 
 @one_thread()
 def replay_log(
-    log: Path,
+    log: str | Path,
     *,
     model: str | None = None,
     overrides: Iterable[str] = (),
     columns: str | Path | None = None,
-    out: Path | None = None,
+    out: str | Path | None = None,
     show: bool = False,
     meldis: bool = False,
     say: Say = print,
