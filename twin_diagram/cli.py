@@ -270,11 +270,11 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
 
 def _run(arguments: argparse.Namespace) -> int:
     from twin_diagram.native import require_egl
-    from twin_diagram.runs.places import check_places
+    from twin_diagram.runs.places import places_for
     from twin_diagram.scenario.file import load_scenario
 
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
-    check_places(arguments.out, arguments.record, arguments.log)  # before seconds of importing
+    places_for(arguments.out, arguments.record, arguments.log)  # before seconds of importing
     require_packages(*RUN)
     if scenario.station == "sim" and scenario.twin.perceiving:
         require_egl()
@@ -294,11 +294,11 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from twin_diagram.runs.places import check_places
+    from twin_diagram.runs.places import places_for
     from twin_diagram.runs.replayed import replay_scenario
 
     scenario = replay_scenario(arguments.log, arguments.model, _overrides(arguments), arguments.columns)
-    check_places(arguments.out, None, None)
+    places_for(arguments.out, None, None)
     require_packages(*RUN)
     from twin_diagram.runs.run import run_scenario
 

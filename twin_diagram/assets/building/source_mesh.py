@@ -61,6 +61,7 @@ class Source:
 
 
 PICTURES: Final = (".png", ".jpg", ".jpeg", ".webp", ".ktx2", ".tga", ".bmp", ".gif", ".tif", ".tiff")
+"""Suffixes of what materials name."""
 
 
 class Beside:
