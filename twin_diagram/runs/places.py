@@ -8,14 +8,18 @@ from twin_diagram.errors import TwinError
 from twin_diagram.runtime.output_place import why_not
 
 
-def check_places(out: Path | None, record: Path | None, log: Path | None) -> None:
-    """Try whether all that is asked for can be written.
+def places_for(
+    out: str | Path | None, record: str | Path | None, log: str | Path | None
+) -> tuple[Path | None, Path | None, Path | None]:
+    """Try whether all that is asked for can be written, and return where.
 
     Raises:
         TwinError: one of them cannot.
     """
-    if log is not None and log.suffix not in (".csv", ".npz"):
-        raise TwinError(f"--log {log}: a measured log is .csv or .npz")
-    for option, path in (("--out", out), ("--record", record), ("--log", log)):
+    folder, recording, file = (None if place is None else Path(place) for place in (out, record, log))
+    if file is not None and file.suffix not in (".csv", ".npz"):
+        raise TwinError(f"--log {file}: a measured log is .csv or .npz")
+    for option, path in (("--out", folder), ("--record", recording), ("--log", file)):
         if path is not None and (why := why_not(path, folder=option != "--log")):
             raise TwinError(f"{option} {path}: {why}")
+    return folder, recording, file

@@ -28,9 +28,10 @@ TUNING = Tuning()
 
 
 def replay_scenario(
-    log: Path, model: str | None = None, overrides: Iterable[str] = (), columns: str | Path | None = None
+    log: str | Path, model: str | None = None, overrides: Iterable[str] = (), columns: str | Path | None = None
 ) -> Scenario:
     """Return the scenario that replays a recording, or a bare log with a model of its arm."""
+    log = Path(log)
     if not log.exists():
         raise TwinError(f"{log}: no such recording or log")
     from twin_diagram.station.replay.reading import recorded_until

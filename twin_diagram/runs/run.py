@@ -25,7 +25,7 @@ from twin_diagram.runs.health_watch import HealthWatch
 from twin_diagram.runs.helping_processes import helping_processes
 from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say
-from twin_diagram.runs.places import check_places
+from twin_diagram.runs.places import places_for
 from twin_diagram.runs.replayed import replay_scenario
 from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runs.score import alarms, summarize, table
@@ -59,9 +59,9 @@ def _one_image_thread() -> Iterator[None]:
 def run_scenario(
     scenario: Scenario,
     *,
-    out: Path | None = None,
-    record: Path | None = None,
-    log: Path | None = None,
+    out: str | Path | None = None,
+    record: str | Path | None = None,
+    log: str | Path | None = None,
     show: bool = False,
     meldis: bool = False,
     pictures: bool = True,
@@ -88,11 +88,11 @@ def run_scenario(
         The summary; for a station without truth, what the twin believes at the end.
 
     Raises:
-        TwinError: something that the scenario names does not exist or does not fit.
+        TwinError: something that it names is not there or does not fit.
         KeyboardInterrupt: as Ctrl-C raises it, once recording, log, events and summary are closed; the summary says
             ``stopped``, and there are no pictures.
     """
-    check_places(out, record, log)
+    out, record, log = places_for(out, record, log)
     leave = RunFolder(out)
     look = _looking(scenario, out is not None and pictures, show, meldis)
     with ExitStack() as stack:
@@ -208,12 +208,12 @@ def _stopped(stop: KeyboardInterrupt | None) -> dict[str, Any]:
 
 @one_thread()
 def replay_log(
-    log: Path,
+    log: str | Path,
     *,
     model: str | None = None,
     overrides: Iterable[str] = (),
     columns: str | Path | None = None,
-    out: Path | None = None,
+    out: str | Path | None = None,
     show: bool = False,
     meldis: bool = False,
     say: Say = print,

@@ -321,6 +321,8 @@ def bad_meshes(folder: Path) -> dict[str, tuple[Path, list[str]]]:
         "slivers": (written(folder, "slivers.obj", "v 0 0 0\nv 0.1 0 0\nv 0.2 0 0\nf 1 2 3\n"), ["slivers.obj"]),
         "cut glb": (written(folder, "cut.glb", glb[: len(glb) // 2]), ["cut.glb", "glb"]),
         "text glb": (written(folder, "text.glb", "hello"), ["text.glb", "glb"]),
+        "text gltf": (written(folder, "text.gltf", "hello"), ["text.gltf", "no JSON"]),
+        "list gltf": (written(folder, "list.gltf", "[1]"), ["list.gltf", "no JSON object"]),
         "ending": (written(folder, "mesh.blend", "hello"), ["mesh.blend", ".obj", ".stl", ".glb"]),
         "folder": (folder / "colours", ["colours"]),
         "missing": (folder / "gone.obj", ["gone.obj", "no such"]),
@@ -339,7 +341,7 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, list[
 
 NAMES = (
     "link,climb,absolute,broken picture,far buffer,nan,nan stl,no faces,empty,empty stl,index,words,short,binary,flat,"
-    "slivers,cut glb,text glb,ending,folder,missing,large,small,huge"
+    "slivers,cut glb,text glb,text gltf,list gltf,ending,folder,missing,large,small,huge"
 ).split(",")
 
 

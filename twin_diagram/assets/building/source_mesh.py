@@ -61,6 +61,7 @@ class Source:
 
 
 PICTURES: Final = (".png", ".jpg", ".jpeg", ".webp", ".ktx2", ".tga", ".bmp", ".gif", ".tif", ".tiff")
+"""Suffixes of what materials name."""
 
 
 class Beside:
@@ -275,11 +276,13 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
 def _refuse_compressed(path: Path) -> None:
     """Refuse a glTF whose triangles are compressed: the reader would take zeros in their place."""
     data = path.read_bytes()
+    if path.suffix.lower() == ".glb" and data[:4] != b"glTF":
+        raise AssetError(f"{path}: cannot be read as glb: it does not begin as one")
     told = data[20 : 20 + int.from_bytes(data[12:16], "little")] if data[:4] == b"glTF" else data
     try:
         required = set(json.loads(told).get("extensionsRequired", ()))
-    except (ValueError, AttributeError, TypeError):  # the reader says what is wrong with it
-        return
+    except (ValueError, AttributeError, TypeError):
+        raise AssetError(f"{path}: cannot be read as {path.suffix.lower()[1:]}: it holds no JSON object") from None
     if unread := required & {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"}:
         raise AssetError(f"{path}: its triangles are compressed ({min(unread)}); export it without compression")
 

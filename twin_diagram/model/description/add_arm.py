@@ -188,20 +188,7 @@ def add_arm(
             that are), or a base that is fixed by the description although X_WB is given.
     """
     spec = resolve(spec, packages, base_dir)
-    impossible.refuse_impossible(Path(spec.model))
-    try:
-        with parser_warnings.in_one_line(Path(spec.model)):
-            instances = foreign.add_models(parser(plant, packages), Path(spec.model))
-    except SystemExit as error:  # of a condition within Drake, from which pydrake would end the program
-        raise ModelError(f"{spec.model}: Drake's parser does not hold it: {_first_line(error)}") from error
-    except RuntimeError as error:
-        said = _first_line(error)
-        unknown = re.search(r"unknown package '([^']+)'", said)
-        advice = f"; {resources.name_package(unknown[1])}" if unknown else ""
-        raise ModelError(f"{spec.model}: cannot be read: {said}{advice}") from error
-    if not instances:
-        raise ModelError(f"{spec.model}: holds no model")
-
+    instances = _parsed(plant, spec, packages)
     every = _joints(plant, instances)
     # Before Finalize the plant does not list actuators by model instance.
     actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
@@ -235,6 +222,26 @@ def add_arm(
         tool_frame=_tool_frame(plant, instances, spec, last_link),
         stated=unparsed.stated_dynamics(Path(spec.model), [joint.name() for joint in arm_joints]),
     )
+
+
+def _parsed(
+    plant: MultibodyPlant, spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None
+) -> tuple[ModelInstanceIndex, ...]:
+    """Put a description into a plant; what is wrong with it is said in one line."""
+    impossible.refuse_impossible(Path(spec.model))
+    try:
+        with parser_warnings.in_one_line(Path(spec.model)):
+            instances = foreign.add_models(parser(plant, packages), Path(spec.model))
+    except SystemExit as error:  # of a condition within Drake, from which pydrake would end the program
+        raise ModelError(f"{spec.model}: Drake's parser does not hold it: {_first_line(error)}") from error
+    except RuntimeError as error:
+        said = _first_line(error)
+        unknown = re.search(r"unknown package '([^']+)'", said)
+        advice = f"; {resources.name_package(unknown[1])}" if unknown else ""
+        raise ModelError(f"{spec.model}: cannot be read: {said}{advice}") from error
+    if not instances:
+        raise ModelError(f"{spec.model}: holds no model")
+    return instances
 
 
 def _first_line(error: BaseException) -> str:

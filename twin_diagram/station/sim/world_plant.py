@@ -31,6 +31,9 @@ from twin_diagram.station.sim.movers import Path, add_carriage
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
+    least_step: float = 1e-6
+    """Of the simulation [s]: below it a second takes hours, and nothing gets better."""
+
     load: float = 0.01
     """Radius of a load that is hidden in an object [m]: a lump of lead of 50 g."""
 
@@ -86,6 +89,8 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     """
     if not scenario.world.time_step > 0:
         raise ScenarioError("world.time_step", f"{scenario.world.time_step} is not positive")
+    if not scenario.world.time_step >= TUNING.least_step:
+        raise ScenarioError("world.time_step", f"{scenario.world.time_step} s is less than {TUNING.least_step:g} s")
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, scenario.world.time_step)
     world = _populate(plant, scene_graph, scenario)
     objects = [plant.get_body(index) for index in world.objects.values()]
