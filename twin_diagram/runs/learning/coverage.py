@@ -52,7 +52,7 @@ def hands_of(followed: Followed, openings: Sequence[float], gripper: Gripper) ->
 
     Args:
         followed: pictures and poses.
-        openings: of the fingers in each grasp [m].
+        openings: between the pads in each grasp [m].
         gripper: that held it.
     """
     found = []
@@ -69,7 +69,7 @@ def map_of(followed: Followed, held: Sequence[Array], openings: Sequence[float],
     Args:
         followed: pictures, poses, cloud.
         held: (4, 4) tool poses X_ST of the grasps.
-        openings: of the fingers in each [m].
+        openings: between the pads in each [m].
         gripper: that held it.
     """
     hands = [Boxes(X, *gripper.boxes(opening)) for X, opening in zip(held, openings, strict=True)]

@@ -118,7 +118,7 @@ class ShownObject:
     Attributes:
         followed: pictures, poses, cloud.
         X_ST: (4, 4) of the tool in S, of each grasp.
-        openings: of the fingers in each grasp [m].
+        openings: between the pads in each grasp [m].
         seen: how well its surface was seen; None: it was not shown yet.
         seen_shares: of its surface, after each grasp.
         R_WT: (3, 3) the tool's axes in which it stands as it lay in the bin, held as it is now.
@@ -198,12 +198,12 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     assert picked.taken is not None
     # S is the tool's frame in the first picture, and it has not been turned since it was taken.
     followed, R_WS = _followed(tools), picked.taken.X_WT[:3, :3]
-    result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.opening])
+    result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.apart])
     result.R_WT = R_WS @ followed.X_ST[-1][:3, :3]
     hold_seen(tools, result)
     if followed.slips and len((calm := _followed(tools)).slips) < len(followed.slips):
         # By now it hangs as it will stay; pictures from while it slid fit each other less well.
-        result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.opening], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])
+        result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.apart], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])
         hold_seen(tools, result)
     look_over(tools, result)
     return result
@@ -265,10 +265,10 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
         return False
     _, X_ST = found
     shown.X_ST.append(X_ST)
-    shown.openings.append(tools.cell.opening)
+    shown.openings.append(tools.cell.apart)
     shown.R_WT = R_WS_lying @ X_ST[:3, :3]
     hold_seen(tools, shown)
-    hand = Boxes(X_ST, *tools.gripper.boxes(tools.cell.opening))
+    hand = Boxes(X_ST, *tools.gripper.boxes(tools.cell.apart))
     number, tilts = len(shown.X_ST) - 1, tilts_of(shown.seen, hand, tools.learning, p_WC)
     pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts)
     before = shown.followed
