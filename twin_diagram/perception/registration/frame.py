@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
-from twin_diagram.perception.registration.colour_kernels import curvature_counts, plain_colours
+from twin_diagram.perception.registration.colour_kernels import curvature_counts, masked, plain_colours, shared_out
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
 from twin_diagram.perception.registration.point_kernels import Images, LooksFrom, NoiseLaw
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
@@ -158,13 +158,10 @@ def blur_within(image: npt.NDArray[np.float32], mask: npt.NDArray[np.float32], w
     A plain blur lets the table into the rim of every object, and registration then shrinks dark objects on light
     tables by pushing them away from the camera. Far from the mask everything is black.
     """
-    planes = [plane * mask for plane in cv2.split(image)]
-    stacked = cv2.merge([*planes, mask])
+    counted = masked(one_layout(image), one_layout(mask))
     for _ in range(2):
-        stacked = cv2.blur(stacked, (width, width))
-    *planes, total = cv2.split(stacked)
-    total = np.maximum(total, np.float32(0.05))
-    return cast("npt.NDArray[np.float32]", cv2.merge([plane / total for plane in planes]))
+        counted = cast("npt.NDArray[np.float32]", cv2.blur(counted, (width, width)))
+    return shared_out(counted, np.float32(0.05))
 
 
 def noise_slopes(image: npt.NDArray[np.uint8]) -> tuple[float, ...]:
