@@ -70,7 +70,7 @@ def test_grasps_touch_nothing_but_with_their_pads_which_meet_the_surface_squarel
 
 
 @pytest.mark.parametrize("gripper", [PANDA_HAND, WSG50], ids=lambda one: one.name)
-@pytest.mark.parametrize("edge", [0.006, 0.012, 0.02])
+@pytest.mark.parametrize("edge", [0.006, 0.015])
 @pytest.mark.parametrize("on_table", [False, True])
 def test_what_is_shorter_than_the_fingers_is_held_by_the_pads(gripper: Gripper, edge: float, on_table: bool) -> None:
     """Pushed on until the palm is before it, the pads had gone past it, and there was nothing between them."""
