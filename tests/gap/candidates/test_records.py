@@ -162,3 +162,10 @@ def test_what_laws_leave_out_of_their_errors() -> None:
     """0.3 ms of a delay, two per cent of a gap: controllers hold a torque, teeth give way."""
     assert record_of("time_delay").left_out["delay"] == (pytest.approx(3e-4), 0.0)
     assert record_of("backlash").left_out["gap"] == (0.0, pytest.approx(0.02))
+
+
+def test_what_is_built_in_does_not_begin_amid_a_log() -> None:
+    """Noise that grows with the torque was told as a rotor of 0.004 kg·m² that came six seconds into a run."""
+    beginning = names_with(lambda record: record.starts)
+    assert {"payload", "coulomb_friction", "torque_bias", "joint_spring"} <= beginning
+    assert not beginning & {"reflected_inertia", "joint_elasticity", "backlash", "torque_ripple", "time_delay"}

@@ -41,7 +41,6 @@ register(
         leading=("inertia",),
         everywhere=3,
         usual=True,
-        starts=True,
         swung=True,
         of_rotor=True,
         adds=frozenset({"inertia"}),
