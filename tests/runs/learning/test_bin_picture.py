@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
+import pytest
 from scipy import ndimage
 
+from twin_diagram.errors import StationError
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.runs.learning.bin_view import TUNING, bottom_noise, things_within
 from twin_diagram.runs.learning.cell import Picture
-from twin_diagram.runs.learning.steady_picture import middle_depth
+from twin_diagram.runs.learning.steady_picture import middle_depth, steady_picture
 
 HEIGHT, LOW, HIGH = 0.95, np.array([-0.15, -0.2, 0.0]), np.array([0.15, 0.2, 0.12])
 CAMERA = ViewCamera(
@@ -56,3 +61,12 @@ def test_the_middle_of_several_pictures_is_less_noisy_and_has_no_depth_where_mos
     assert middle[0, 0] == np.sort(depths[:, 0, 0])[3] and middle[0, 1] == 0.0 and middle[0, 2] > 0.9
     assert np.std(middle[1:60] - HEIGHT) < 0.6 * 0.002
     np.testing.assert_array_equal(middle_depth(depths[:1]), depths[0])
+
+
+def test_a_camera_that_sees_nothing_is_told_of_and_not_taken_for_an_empty_bin() -> None:
+    cell: Any = SimpleNamespace(wait=lambda seconds: None, look=lambda name: picture(np.zeros((240, 320), np.float32)))
+    with pytest.raises(StationError, match=r"camera 'bin' measures no depth.*--resume") as error:
+        steady_picture(cell, "bin")
+    assert "\n" not in str(error.value)
+    cell.look = lambda name: picture(looked(0.002))
+    assert steady_picture(cell, "bin").depth.all()

@@ -92,3 +92,9 @@ def test_a_camera_renders_where_somebody_looks(egl: None) -> None:
     assert (eyes.look("over", q, 2)[1] != depth).any()
     with pytest.raises(StationError, match="these are: over"):
         eyes.look("under", q, 1)
+    # Covered from 2 to 3 s, and off from 5 s on.
+    scenario.world.camera_defects.covered, scenario.world.camera_defects.stops = [[2.0, 3.0]], 5.0
+    eyes = CamerasOnDemand(scenario)
+    shows = [all(image.any() for image in eyes.look("over", q, 1, time)) for time in (0.0, 2.5, 4.0, 5.5)]
+    assert shows == [True, False, True, False]
+    assert not any(image.any() for image in eyes.look("over", q, 1, 2.5))

@@ -318,7 +318,7 @@ class Cell:
         told = self._cameras[name]
         self._frame += 1
         positions = np.array(self._plant.GetPositions(self._plant.GetMyContextFromRoot(self._context)))
-        rgb, depth = self._eyes.look(name, positions, self._frame)
+        rgb, depth = self._eyes.look(name, positions, self._frame, self.time)
         way = Alignment.of(told)
         colours = np.ascontiguousarray(way.colours(rgb)[..., :3])
         fingers = self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)]

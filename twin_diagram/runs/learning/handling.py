@@ -159,18 +159,18 @@ def go_home(tools: Tools) -> None:
         go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, tools.home[None])))
 
 
-def pick(tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: int, failed: list[Array]) -> Picked:
+def pick(tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed: list[Array]) -> Picked:
     """Try to take a thing once: the best grasp that is reached, one unlike those that failed before others.
 
     Args:
         tools: of the cell.
         thing: that is to be taken.
-        others: what lies about.
+        picture: in which it was seen; all else in it is in the way, also what was given up.
         attempt: number of the try, from 0.
         failed: (4, 4) poses of the tool at which it held nothing.
     """
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
-    rest = [other.points for other in others if other is not thing]
+    rest = [other.points for other in things_within(picture, low, high) if (other.middle != thing.middle).any()]
     tools.mover.stand("bin", [thing.points, *rest], float(low[2]))
     for beside in in_the_way(low, high, rest):
         grasps = grasps_of_thing(thing, tools.gripper, float(low[2]) + TUNING.floor, beside, attempt)

@@ -164,7 +164,7 @@ class Learner:
         picked, failed = Picked(thing), list[Array]()
         for attempt in range(self.tools.learning.tries):
             with self._stage(name, "pick") as told:
-                picked = handling.pick(self.tools, thing, things, attempt, failed)
+                picked = handling.pick(self.tools, thing, picture, attempt, failed)
                 told["outcome"] = "taken" if picked.taken else picked.why
                 failed += [] if picked.failed is None else [picked.failed]
             if picked.taken is not None:

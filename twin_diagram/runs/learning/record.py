@@ -186,14 +186,12 @@ class LearningRecord:
             LearningError: there is none, it is another scenario's, or the folder cannot be written or has no room.
         """
         if not (self.folder / STATE).is_file():
-            raise LearningError(f"--resume: {self.folder} has no run to go on with")
+            raise LearningError(f"--out {self.folder}: has no run to go on with")
         if why := why_not(self.folder, folder=True):
             raise LearningError(f"--out {self.folder}: {why}")
         self._check_room()
         if (self.folder / SCENARIO).read_text(encoding="utf-8", errors="replace") != self._told:
-            raise LearningError(
-                f"--resume: {self.folder} is a run of another scenario; give it that one, or another --out"
-            )
+            raise LearningError(f"--out {self.folder}: a run of another scenario; give it that one, or another --out")
 
     def resume(self) -> RunState:
         """Return the state that a run was left in.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.errors import StationError
 from twin_diagram.runs.learning.cell import Cell, Picture
 
 
@@ -25,12 +26,19 @@ TUNING = Tuning()
 
 
 def steady_picture(cell: Cell, name: str) -> Picture:
-    """Return what a camera sees while the arm rests; colours and time are the last picture's."""
+    """Return what a camera sees while the arm rests; colours and time are the last picture's.
+
+    Raises:
+        StationError: no pixel has depth: what it does not see would pass for an empty bin.
+    """
     taken = []
     for _ in range(TUNING.pictures):
         cell.wait(TUNING.apart)
         taken.append(cell.look(name))
-    return replace(taken[-1], depth=middle_depth(np.stack([one.depth for one in taken])))
+    depth = middle_depth(np.stack([one.depth for one in taken]))
+    if not depth.any():
+        raise StationError(f"camera {name!r} measures no depth: is its lens covered, or did it stop? --resume goes on")
+    return replace(taken[-1], depth=depth)
 
 
 def middle_depth(depths: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

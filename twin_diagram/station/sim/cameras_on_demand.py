@@ -24,19 +24,21 @@ from twin_diagram.station.sim.world_renderer import LensView, WorldRenderer
 
 @dataclass(frozen=True)
 class _Eye:
-    """One camera: what it truly is, and what it does to light and depth."""
+    """One camera: what it truly is, what it does to light and depth, and when it shows nothing: from, to [s]."""
 
     truth: TrueCamera
     views: tuple[LensView, LensView]
     light: DimLight
     depth: DepthSensor
+    dark: tuple[tuple[float, float], ...]
 
 
 class CamerasOnDemand:
     """Renders the world of a scenario through the cameras of ``twin.cameras``, with the defects that ``world`` says.
 
-    What one delivers is a function of the scenario's seed, the frame's number and the world's positions alone. Motion
-    blur and the delay of depth are left out: pictures are of one instant.
+    What one delivers is a function of the scenario's seed, the frame's number, the time and the world's positions
+    alone. Motion blur and the delay of depth are left out: pictures are of one instant. One that is covered or has
+    stopped delivers black pictures without depth.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -59,13 +61,14 @@ class CamerasOnDemand:
         depth_range = DepthRange(near, widest.depth_range[1])
         self._renderer = WorldRenderer(scenario, render_params(), clipping(widest), depth_range)
 
-    def look(self, name: str, positions: Array, number: int) -> tuple[Colour, Depth]:
+    def look(self, name: str, positions: Array, number: int, time: float = 0.0) -> tuple[Colour, Depth]:
         """Return colours (H, W, 4) and depth (H', W') of a camera; depth in its units of length, 0 where none is.
 
         Args:
             name: of the camera.
             positions: (nq,) of the world's plant.
             number: of the frame, from which its noise is drawn.
+            time: when it is taken [s].
 
         Raises:
             StationError: no such camera.
@@ -76,6 +79,8 @@ class CamerasOnDemand:
         q = np.asarray(positions)
         colour = eye.light.seen(self._renderer.colour(q, eye.views[0], eye.truth.X_WC).copy(), number)
         depth = eye.depth.measured(self._renderer.depth(q, eye.views[1], eye.truth.X_WD).copy(), number)
+        if any(start <= time <= end for start, end in eye.dark):
+            return np.zeros_like(colour), np.zeros_like(depth)
         return colour, depth
 
 
@@ -85,9 +90,13 @@ def _eye(scenario: Scenario, name: str) -> _Eye:
     camera, defects = own.twin.camera, own.world.camera_defects
     assert camera is not None
     truth, off = true_camera(own), faults(defects)
+    dark = [(start, end) for start, end in defects.covered]
+    if defects.stops is not None:
+        dark.append((defects.stops, np.inf))
     return _Eye(
         truth,
         (LensView(truth.colour), LensView(truth.depth)),
         DimLight(camera.width * camera.height * 4, defects.colour_noise, off, own.seed),
         DepthSensor(truth.depth, camera, off, defects.depth_unit, truth.depth_scale, own.seed),
+        tuple(dark),
     )
