@@ -169,6 +169,14 @@ def test_a_joint_without_torque_is_left_out(tmp_path: Path) -> None:
         check(log_from_columns(columns, "log", str), MODEL.limits)
 
 
+def test_what_a_gripper_alone_logs_beside_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(csv(**{"position_measured.b": ONES, "torque_measured.b": ONES, "velocity_estimated.b": ONES}))
+    log = read_log(path)
+    assert log.joints == ("a", "b") and log.velocity is None
+    assert log.notes == (f"{path}: velocity_estimated is there of b alone and is left out",)
+
+
 def test_angles_that_jump_by_a_turn_go_on() -> None:
     log = healthy()
     high = replace(log, position=log.position + np.pi - log.position[:1])  # starts at half a turn, and crosses it
@@ -265,6 +273,8 @@ def test_units_are_checked() -> None:
     degrees = Log(log.time, JOINTS, np.degrees(log.position), torque=log.torque)
     with pytest.raises(LogError, match="looks like degrees"):
         check(degrees, MODEL.limits)
+    with pytest.raises(LogError, match="looks like an encoder's counts"):
+        check(replace(log, velocity=None, position=np.round(log.position * 2**13)), MODEL.limits)
     with pytest.raises(LogError, match="positions in degrees but velocities in rad/s"):
         check(Log(log.time, JOINTS, np.degrees(log.position), velocity=log.velocity, torque=log.torque))
     with pytest.raises(LogError, match="velocities in degrees per second"):

@@ -34,3 +34,13 @@ def test_positions_say_whether_stamps_are_late() -> None:
         position = np.sin(2.0 * true)[:, None]
         log = Log(late, ("a",), position, torque=position)
         assert (straightened(log) is not log) == straight
+
+
+def test_stamps_that_are_later_than_the_next_ones_time_are_counted() -> None:
+    """No sample is lost, so their number tells which is which."""
+    rng = np.random.default_rng(6)
+    even = 0.008 * np.arange(1500)
+    late = np.sort(even + 0.0025 * rng.normal(size=1500))
+    position = np.sin(2.0 * even)[:, None]
+    found = straightened(Log(late, ("a",), position, torque=position))
+    np.testing.assert_allclose(found.time, even, atol=5e-4)

@@ -31,8 +31,11 @@ from twin_diagram.gap.residuals.prepared_logs import moves, prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.gap.whole_robot.few_or_whole import Explanation, explained, nameless, standing_after
-from twin_diagram.logs import Log, fingerprint, read_log, write_columns
+from twin_diagram.logs import Log, LogWarning, fingerprint, read_log, write_columns
+from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.easing import eased
+from twin_diagram.logs.parting import longest, parted
+from twin_diagram.logs.spikes import unspiked
 from twin_diagram.logs.straightening import straightened
 from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.model.description import corrected_folder
@@ -119,7 +122,7 @@ class Gap:
 @one_thread()
 def run_gap(
     model: str | Path,
-    fit: Sequence[str | Path],
+    fit: str | Path | Sequence[str | Path],
     holdout: str | Path,
     out: str | Path | None = None,
     say: Say | None = None,
@@ -132,7 +135,7 @@ def run_gap(
 
     Args:
         model: a URDF, SDF or MJCF file, or the folder of a corrected model.
-        fit: measured logs to find it in.
+        fit: measured logs to find it in, or a single one.
         holdout: a measured log that is used for nothing but the proof.
         out: folder for gap.json, model/, experiments/ and report.html; None: nothing is written.
         say: told what is being done, and how much time is left.
@@ -150,6 +153,7 @@ def run_gap(
     if out is not None and (why := why_not(out, folder=True)):
         raise TwinError(f"--out {out}: {why}")
     say("reading the logs")
+    fit = [fit] if isinstance(fit, (str, Path)) else fit
     given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants)
     notes += torque_sense.checked(given, logs)
     records = prepare(given, logs)
@@ -296,12 +300,14 @@ def _read(
     if not Path(model).exists():
         raise ModelError(f"{model}: no such file or folder")
     given, first, warnings = load_model_for(read_log(fit[0], columns), model, packages, torque_side, constants)
-    logs = [eased(straightened(first))]
-    for path in [*fit[1:], holdout]:  # one at a time: each may be as large as all that is kept of them
+    logs = _stretches(first, warnings)
+    for path in fit[1:]:  # one at a time: each may be as large as all that is kept of them
         own, more = as_explained(given, read_log(path, columns), constants)
-        logs.append(eased(straightened(own)))
         warnings += more
-    kept = logs.pop()
+        logs += _stretches(own, warnings)
+    own, more = as_explained(given, read_log(holdout, columns), constants)
+    warnings += more
+    kept = longest(_stretches(own, warnings, PREPARED_LOGS.shortest_held, "; the longest is held out"))
     for log in logs:
         usable(log)
     usable(kept, PREPARED_LOGS.shortest_held)
@@ -317,6 +323,27 @@ def _read(
     if fingerprint(kept) in map(fingerprint, logs):
         notes.append(f"{kept.source}: is also a fitted run, so it proves nothing; hold out another one")
     return given, logs, kept, notes
+
+
+def _stretches(
+    log: Log, warnings: list[LogWarning], shortest: float = PREPARED_LOGS.shortest, more: str = ""
+) -> list[Log]:
+    """Return a log as it is fitted, in as many stretches as silence leaves; `warnings` grow where there is some.
+
+    Args:
+        log: checked.
+        warnings: of all logs.
+        shortest: that a stretch must have left after its ends are cut [s].
+        more: what is done with them.
+    """
+    log, garbled = unspiked(log)
+    warnings += garbled
+    parts = parted(straightened(log), shortest + 2.0 * DIFFERENTIATION.residual_cut)
+    if len(parts) > 1 or len(parts[0]) < len(log):
+        spans = ", ".join(f"{part.time[0]:.6g} to {part.time[-1]:.6g} s" for part in parts)
+        message = f"{log.source}: what lies between longer gaps is taken as logs of their own: {spans}{more}"
+        warnings.append(LogWarning("parted", message))
+    return [eased(part) for part in parts]
 
 
 def _experiments(

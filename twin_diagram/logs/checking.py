@@ -26,6 +26,9 @@ class Tuning:
     """Beyond its limits by more than this, a joint's position is no longer a robot that is described too tightly
     [rad]."""
 
+    counts: float = 100.0
+    """Beyond its limits by more than this, it counts something else: fifteen turns [rad]."""
+
     millimetres: float = 3.0
     """Beyond its limits by this many times its travel, a slide's position is likewise no metres."""
 
@@ -39,7 +42,7 @@ class LogWarning:
 
     Attributes:
         code: `gap`, `jitter`, `beyond_limits`, `torque_beyond_limits`, `velocity_scale`, `no_motion`, `no_torque`,
-            `unknown_joint`, `left_out`, `wrapped`.
+            `unknown_joint`, `left_out`, `wrapped`, `parted`, `spike`.
         message: one line.
         joint: that it is about, or empty.
     """
@@ -172,6 +175,13 @@ def _against(log: Log, arm: JointLimits) -> list[LogWarning]:
         raise LogError(
             f"{log.source}: position_measured.{joint} reaches {value:.4g}, its limits are {arm.lower[k]:.4g} to "
             f"{arm.upper[k]:.4g} rad; it looks like degrees, the log format has radians"
+        )
+    if np.any(turned > TUNING.counts):
+        k = int(np.argmax(turned))
+        raise LogError(
+            f"{log.source}: position_measured.{own.joints[k]} reaches {np.abs(own.position[:, k]).max():.4g}, its "
+            f"limits are {arm.lower[k]:.4g} to {arm.upper[k]:.4g} rad; it looks like an encoder's counts, or a motor's "
+            "angle before the gear; the log format has radians at the joint"
         )
     far = outside > TUNING.millimetres * np.maximum(arm.upper - arm.lower, 0.01)
     if np.any(long := ~revolute & far & (arm.outside(1e-3 * own.position) < 0.01)):

@@ -34,6 +34,9 @@ TUNING = Tuning()
 
 TORQUES = ("torque_measured", "torque_commanded")
 """Signals of which a log needs one."""
+FOREIGN = "; --columns tells what other names mean"
+SPARE = ("velocity_estimated", "position_commanded")
+"""Signals that a log need not have."""
 CURRENT = "current_measured"
 """A signal that stands for the first of them [A] where a log has none of them."""
 BAGS = (".mcap", ".db3", ".bag")
@@ -130,10 +133,11 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
         LogError: as `read_log`.
     """
     if "time" not in columns:
-        raise LogError(f"{source}: has no column `time`; its columns are {_few(list(columns))}")
+        raise LogError(f"{source}: has no column `time`; its columns are {_few(list(columns))}{FOREIGN}")
     joints = [name.partition(".")[2] for name in columns if name.startswith("position_measured.")]
     if not joints:
-        raise LogError(f"{source}: has no column `position_measured.<joint>`; its columns are {_few(list(columns))}")
+        there = _few(list(columns))
+        raise LogError(f"{source}: has no column `position_measured.<joint>`; its columns are {there}{FOREIGN}")
     columns, currents = _currents_as_torques(columns)
     idle = _without_torque(columns, joints)
     joints = [joint for joint in joints if joint not in idle]
@@ -155,6 +159,7 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
         if (signal := _signal(columns, name, joints, source)) is not None
     }
     notes = tuple(f"{source}: {joint} has no torque and is left out" for joint in idle)
+    notes += tuple(_of_some(columns, joints, source))
     return Log(time=time, joints=tuple(joints), source=source, notes=notes, currents=currents, **signals)
 
 
@@ -175,6 +180,16 @@ def _without_torque(columns: Mapping[str, Array], joints: Sequence[str]) -> list
     return idle if len(idle) < len(joints) else []
 
 
+def _of_some(columns: Mapping[str, Array], joints: Sequence[str], source: str) -> list[str]:
+    """Return what is said of signals that need not be there, and are there of some of the joints alone."""
+    result = []
+    for signal in SPARE:
+        there = [joint for joint in joints if f"{signal}.{joint}" in columns]
+        if 0 < len(there) < len(joints):
+            result.append(f"{source}: {signal} is there of {_few(there)} alone and is left out")
+    return result
+
+
 def _signal(columns: Mapping[str, Array], signal: str, joints: Sequence[str], source: str) -> Array | None:
     present = [name.partition(".")[2] for name in columns if name.startswith(f"{signal}.")]
     if not present:
@@ -183,6 +198,8 @@ def _signal(columns: Mapping[str, Array], signal: str, joints: Sequence[str], so
         if joint not in joints:
             raise LogError(f"{source}: has {signal}.{joint} but no position_measured.{joint}")
     for joint in joints:
+        if joint not in present and signal in SPARE:
+            return None
         if joint not in present:
             raise LogError(f"{source}: has {signal} of other joints, but no {signal}.{joint}")
     return np.stack([columns[f"{signal}.{joint}"] for joint in joints], axis=1)

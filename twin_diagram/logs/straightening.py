@@ -16,6 +16,12 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, chosen by hand."""
 
+    surely: float = 0.5
+    """Periods by which stamps may be off where they surely belong to the even time that is next to them."""
+
+    latest: float = 3.0
+    """Periods by which stamps may be late at most, where their number alone says which is which."""
+
     looked_at: int = 4000
     """Stamps from which the period is found at first; further ones only sharpen it."""
 
@@ -43,12 +49,14 @@ def straightened(log: Log) -> Log:
         return log
     index = np.arange(len(log))
     straight: Array = np.polynomial.Polynomial.fit(index, log.time, 1)(index)
-    even = straight if np.max(np.abs(log.time - straight)) <= 0.5 * log.period else even_times(log.time)
-    if even is None:
-        return log
-    changed = replace(log, time=even, identity=fingerprint(log))
-    roughness = [np.sum(np.diff(uniform(x).position, 4, axis=0) ** 2) for x in (log, changed)]
-    return changed if roughness[1] < roughness[0] else log
+    late = float(np.max(np.abs(log.time - straight))) / log.period
+    even = straight if late <= TUNING.surely else even_times(log.time)
+    tried = [log]
+    if late <= TUNING.latest:  # where no sample was lost, stamps may be later than the next one's time
+        tried.append(replace(log, time=straight, identity=fingerprint(log)))
+    if even is not None and even is not straight:
+        tried.append(replace(log, time=even, identity=fingerprint(log)))
+    return min(tried, key=lambda one: float(np.sum(np.diff(uniform(one).position, 4, axis=0) ** 2)))
 
 
 def even_times(time: Array) -> Array | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,15 +46,36 @@ def test_an_arm_that_is_described_wrongly_is_no_wrong_unit() -> None:
     assert "if they are currents" in odd
 
 
-def test_a_single_joint_of_the_other_sign_is_named() -> None:
+def test_some_joints_within_their_limits_are_still_in_another_unit() -> None:
+    factor = np.full(6, 1e3)
+    factor[5] = 10.0
+    with pytest.raises(LogError, match="it looks like mN·m"):
+        checked(ARM, scaled(factor))
+
+
+def test_a_single_joint_of_the_other_sign_is_refused() -> None:
+    """The rest of the arm shows that it does not hang, and a link of negative mass is none."""
     sign = np.ones(6)
     sign[2] = -1.0
+    with pytest.raises(LogError, match=r"the torque of elbow_joint has the opposite sign.*turn its sign"):
+        checked(ARM, scaled(sign))
+
+
+def test_a_single_joint_of_the_other_sign_and_size_is_named() -> None:
+    sign = np.ones(6)
+    sign[2] = -4.0
     (odd,) = checked(ARM, scaled(sign))
     assert "the torque of elbow_joint has the opposite sign" in odd
 
 
+def test_exchanged_joints_are_refused() -> None:
+    (log,) = scaled(1.0)
+    with pytest.raises(LogError, match=r"torques of shoulder_lift_joint and elbow_joint are .* of each other"):
+        checked(ARM, [replace(log, torque=log.motor_torque[:, [0, 2, 1, 3, 4, 5]])])
+
+
 def test_an_arm_that_hangs_is_no_wrong_sign() -> None:
-    """Gravity pulls the other way, but friction still takes power."""
+    """Gravity pulls the other way, but inertia does not."""
     checked(ARM, scaled(1.0, share=-1.0))
 
 

@@ -26,7 +26,7 @@ DIGITS = 9
 
 def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
     """Return everything that the file holds, as plain dictionaries, lists, numbers and text."""
-    several = len(shown.fit) > 1
+    files = of_files(shown)
     fit_before, fit_after = shown.fit_rms()
     before, after = shown.holdout_rms()
     joints = shown.joints
@@ -34,8 +34,8 @@ def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
     return {
         "verdict": verdict.verdict,
         "remainder": bool(verdict.remainder),
-        "effects": [_effect(finding, several) for finding in one_per_name(verdict.findings, joints)],
-        "where": [_place(place, several) for place in verdict.where],
+        "effects": [_effect(finding, files) for finding in one_per_name(verdict.findings, joints)],
+        "where": [_place(place, files) for place in verdict.where],
         "gap": {
             "torque_rms": {
                 "fit": {"before": _per_joint(joints, fit_before), "after": _per_joint(joints, fit_after)},
@@ -89,7 +89,13 @@ def text(answer: dict[str, Any]) -> str:
     return json.dumps(answer, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _effect(finding: Finding, several: bool) -> dict[str, Any]:
+def of_files(shown: Shown) -> list[int]:
+    """Return per fitted run which of the given files it is of: one that went silent was parted into several."""
+    sources = [run.source for run in shown.fit]
+    return [len(set(sources[:k])) - (source in sources[:k]) for k, source in enumerate(sources)]
+
+
+def _effect(finding: Finding, files: Sequence[int]) -> dict[str, Any]:
     return {
         "name": finding.name,
         "joints": list(finding.joints),
@@ -110,8 +116,8 @@ def _effect(finding: Finding, several: bool) -> dict[str, Any]:
             }
             for other in finding.alternatives[:3]
         ],
-        "onset": _moment(finding.onset, several),
-        "end": _moment(finding.end, several),
+        "onset": _moment(finding.onset, files),
+        "end": _moment(finding.end, files),
     }
 
 
@@ -119,14 +125,14 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
     return {"value": _value(estimate.value), "std": _value(estimate.std), "unit": estimate.unit}
 
 
-def _moment(moment: Moment | None, several: bool) -> Any:
+def _moment(moment: Moment | None, files: Sequence[int]) -> Any:
     if moment is None:
         return None
     time = _time(moment.time)
-    return {"log": int(moment.log), "time": time} if several else time
+    return {"log": files[moment.log], "time": time} if max(files) else time
 
 
-def _place(place: Place, several: bool) -> dict[str, Any]:
+def _place(place: Place, files: Sequence[int]) -> dict[str, Any]:
     result = {
         "joint": place.joint,
         "share": _number(place.share),
@@ -134,7 +140,7 @@ def _place(place: Place, several: bool) -> dict[str, Any]:
         "time": [_time(x) for x in place.time],
     }
     # With several logs a time without its log would say nothing.
-    return {**result, "log": int(place.log)} if several else result
+    return {**result, "log": files[place.log]} if max(files) else result
 
 
 def _per_joint(joints: Sequence[str], values: Array | None) -> dict[str, Any]:

@@ -1,0 +1,39 @@
+"""Garbled samples are taken as lost; what an arm does, dry friction and rests among it, stays as it is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin_diagram.logs import Log, fingerprint
+from twin_diagram.logs.spikes import unspiked
+
+
+def swung(noise: float) -> Log:
+    """A joint that swings, one that rests for half of the time, with steps of dry friction in their torque."""
+    rng = np.random.default_rng(1)
+    time = 0.002 * np.arange(4000)
+    position = np.stack([np.sin(2.0 * time), np.sin(2.0 * np.maximum(time - 4.0, 0.0))], axis=1)
+    velocity = np.gradient(position, time, axis=0)
+    torque = 30.0 * position + 20.0 * np.sign(velocity) + noise * rng.normal(size=position.shape)
+    return Log(time, ("a", "b"), position + 1e-5 * rng.normal(size=position.shape), velocity, torque)
+
+
+def test_what_an_arm_does_stays() -> None:
+    for noise in (0.0, 0.5):
+        log = swung(noise)
+        same, said = unspiked(log)
+        assert same is log and said == []
+
+
+def test_garbled_samples_are_what_their_neighbours_say() -> None:
+    log = swung(0.5)
+    position, torque = log.position.copy(), log.motor_torque.copy()
+    position[700, 0], torque[1500, 1], torque[2500, 1] = -3.0, 900.0, -900.0
+    found, said = unspiked(Log(log.time, log.joints, position, log.velocity, torque))
+    np.testing.assert_allclose(found.position, log.position, atol=2e-4)
+    np.testing.assert_allclose(found.motor_torque, log.motor_torque, atol=4.0)
+    assert [warning.message for warning in said] == [
+        "log: 1 sample(s) of position_measured of a leap away and back; they are taken as lost",
+        "log: 2 sample(s) of torque_measured of b leap away and back; they are taken as lost",
+    ]
+    assert fingerprint(found) == fingerprint(Log(log.time, log.joints, position, log.velocity, torque))

@@ -1,0 +1,93 @@
+"""Parts a log where it went silent: what lies between is known to nobody, and a spline through it is no motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.logs.fingerprint import fingerprint
+from twin_diagram.logs.measured_log import SIGNALS, Log
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand."""
+
+    silence: float = 0.1
+    """Longest time without a sample that motion can be carried across [s]: a period of what is compared at most."""
+
+    periods: float = 4.0
+    """The same in samples, of logs that are slow."""
+
+    leap: float = 2.0
+    """Times the largest step elsewhere in a log that positions leap where a driver that repeats itself goes on."""
+
+    most: float = 0.5
+    """Share of a log that its parts of some length must hold: one that is nothing but gaps stays as it is."""
+
+
+TUNING = Tuning()
+
+
+def parted(log: Log, shortest: float) -> list[Log]:
+    """Return the stretches of a log without silence between them, in order; the log itself where there is none.
+
+    Each is of the same run, on the same clock. Where most of them would be too short, it stays whole.
+
+    Args:
+        log: checked.
+        shortest: that a stretch may last [s].
+    """
+    whole, log = log, unfrozen(log)
+    silent = np.flatnonzero(np.diff(log.time) > max(TUNING.silence, TUNING.periods * log.period))
+    if not len(silent):
+        return [whole]
+    edges = [0, *(silent + 1).tolist(), len(log)]
+    kept = [slice(a, b) for a, b in pairwise(edges) if log.time[b - 1] - log.time[a] >= shortest]
+    if sum(part.stop - part.start for part in kept) < TUNING.most * len(log):
+        return [whole]
+    return [_stretch(log, part) for part in kept]
+
+
+def unfrozen(log: Log) -> Log:
+    """Return the log without what a driver repeated for a while instead of saying anything; itself where there is none.
+
+    A joint at rest goes on smoothly; after a silence positions leap.
+    """
+    rows = np.concatenate([log.position, log.motor_torque], axis=1)
+    same = np.all(rows[1:] == rows[:-1], axis=1)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    begins, ends = ends[::2], ends[1::2]  # samples that are said first, and last, of all that are alike
+    long = log.time[ends] - log.time[begins] > max(TUNING.silence, TUNING.periods * log.period)
+    begins, ends = begins[long & (ends < len(log) - 1)], ends[long & (ends < len(log) - 1)]
+    steps = np.abs(np.diff(log.position, axis=0))
+    others = np.delete(steps, ends, axis=0)
+    if not len(ends) or not len(others):
+        return log
+    leaps = np.any(steps[ends] > TUNING.leap * np.max(others, axis=0), axis=1)
+    kept = np.ones(len(log), dtype=bool)
+    for begin, end in zip(begins[leaps], ends[leaps], strict=True):
+        kept[begin + 1 : end + 1] = False
+    return log if np.all(kept) else _chosen(log, kept)
+
+
+def longest(parts: list[Log]) -> Log:
+    """Return the one of some stretches that lasts longest."""
+    return max(parts, key=lambda one: float(one.time[-1] - one.time[0]))
+
+
+def _stretch(log: Log, part: slice) -> Log:
+    kept = np.zeros(len(log), dtype=bool)
+    kept[part] = True
+    return _chosen(log, kept)
+
+
+def _chosen(log: Log, kept: npt.NDArray[np.bool_]) -> Log:
+    signals: dict[str, Any] = {
+        name: values[kept] for name in SIGNALS.values() if (values := getattr(log, name)) is not None
+    }
+    return replace(log, time=log.time[kept], identity=fingerprint(log), **signals)
