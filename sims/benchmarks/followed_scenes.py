@@ -2,6 +2,7 @@
 
     python sims/benchmarks/followed_scenes.py --first 0 --count 4 --profile d435
     python sims/benchmarks/followed_scenes.py --count 84 --out out/followed_scenes     (10,080 frames; resumable)
+    python sims/benchmarks/followed_scenes.py --first 0 --shrink 2 --seconds 2         (pictures of 320 × 240, 30 each)
 
 Two of the eight are alike, one is in no library. A folder of frames (8 s at 15 Hz) and a library built from meshes are
 all that the tracker gets; its camera has calibration errors (5 mm / 0.5°, focal 0.3 %, centre 1 pixel, depth 1 %)
@@ -36,14 +37,14 @@ from twin_diagram.runs.tracking.track_frames import track_frames  # noqa: E402
 SECONDS = 8.0
 
 
-def run_one(out: Path, profile: str, seed: int) -> tuple[tallies.Tally, float]:
+def run_one(out: Path, profile: str, seed: int, shrink: int, seconds: float) -> tuple[tallies.Tally, float]:
     """Film a scene, follow it, and return what came of it and the seconds a frame that following took."""
     rng = np.random.default_rng([seed, 15])
     script = drawn(DATA, rng, SECONDS)
     with tempfile.TemporaryDirectory() as aside:
         known = [one.kind.asset.name for one in script.actors if one.known]
         origins = library.built(Path(aside) / "library", out / "assets", known, DATA)
-        truth = film(Path(aside) / "frames", script, profile, profile != "ideal", SECONDS, rng)
+        truth = film(Path(aside) / "frames", script, profile, profile != "ideal", seconds, rng, shrink)
         begin = time.process_time()
         track_frames(Path(aside) / "library", Path(aside) / "frames", Path(aside) / "found", say=lambda text: None)
         spent = (time.process_time() - begin) / len(truth.seen)
@@ -84,15 +85,18 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=100_000, help="first seed; smaller ones are for training")
     parser.add_argument("--count", type=int, default=4)
     parser.add_argument("--profile", nargs="+", choices=spoil.PROFILES, default=["d435"])
+    parser.add_argument("--shrink", type=int, default=1, help="pictures so many times smaller than 640 × 480")
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="of each scene that are filmed, from its start")
     parser.add_argument("--out", type=Path, default=Path("out/followed_scenes"))
     parser.add_argument("--verbose", action="store_true", help="print each mistake")
     args = parser.parse_args()
     for profile in args.profile:
         whole, seconds = tallies.Tally(), []
         for seed in range(args.first, args.first + args.count):
-            kept = args.out / f"{profile}_{seed}.json"
+            part = "" if (args.shrink, args.seconds) == (1, SECONDS) else f"_{args.shrink}_{args.seconds:g}"
+            kept = args.out / f"{profile}_{seed}{part}.json"
             if not kept.exists():
-                done = run_one(args.out, profile, seed)
+                done = run_one(args.out, profile, seed, args.shrink, args.seconds)
                 kept.parent.mkdir(parents=True, exist_ok=True)
                 kept.write_text(json.dumps([vars(done[0]), done[1]]))
             of, spent = json.loads(kept.read_text())

@@ -40,7 +40,9 @@ class Truth:
     p_WC: Array
 
 
-def film(folder: Path, script: Script, profile: str, wrong: bool, seconds: float, rng: np.random.Generator) -> Truth:
+def film(
+    folder: Path, script: Script, profile: str, wrong: bool, seconds: float, rng: np.random.Generator, shrink: int = 1
+) -> Truth:
     """Write the frames of a script, seen from a place that is drawn.
 
     Args:
@@ -50,8 +52,9 @@ def film(folder: Path, script: Script, profile: str, wrong: bool, seconds: float
         wrong: whether the camera has calibration errors.
         seconds: how long.
         rng: of all that is drawn.
+        shrink: of pictures, in whole numbers.
     """
-    camera = _camera(rng)
+    camera = _camera(rng, shrink)
     view = ViewCamera(camera.width, camera.height, camera.focal, camera.focal, *camera.centre, camera.R_WC, camera.p_WC)
     error = CameraError.drawn(rng) if wrong else CameraError.none()
     told = error.told(view)
@@ -75,11 +78,12 @@ def film(folder: Path, script: Script, profile: str, wrong: bool, seconds: float
     return Truth(R, p, np.array([seen for _, seen in rows]), carried, camera.R_WC, camera.p_WC)
 
 
-def _camera(rng: np.random.Generator) -> Pinhole:
-    """Return a camera a metre away that sees all cells."""
+def _camera(rng: np.random.Generator, shrink: int) -> Pinhole:
+    """Return a camera a metre away that sees all cells, in pictures of 640 × 480 pixels, `shrink` times smaller."""
     azimuth, elevation = rng.uniform(-2.2, -0.9), np.radians(rng.uniform(35.0, 60.0))
     away = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-    return raycast.look_at(float(rng.uniform(1.0, 1.15)) * away, np.array([0.0, 0.0, 0.03]), focal=560.0)
+    eye, focus = float(rng.uniform(1.0, 1.15)) * away, np.array([0.0, 0.0, 0.03])
+    return raycast.look_at(eye, focus, 640 // shrink, 480 // shrink, 560.0 / shrink)
 
 
 def _before(

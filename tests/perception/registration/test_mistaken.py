@@ -12,13 +12,15 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.colour_margin import turn_speaks
 from twin_diagram.perception.registration.colour_votes import TUNING, colour_costs
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming import Naming
 from twin_diagram.perception.registration.point_kernels import FINE
-from twin_diagram.perception.registration.recognition import looks_like_itself
+from twin_diagram.perception.registration.recognition import TUNING as RECOGNITION
+from twin_diagram.perception.registration.recognition import looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.registration.search_aloft import afloat, centred
@@ -87,6 +89,27 @@ def test_colours_are_likelier_where_they_are_right_and_say_nothing_where_there_a
     plain = replace(box.model, colours=np.full_like(box.model.colours, 0.5), texture=0.0 * box.model.texture)
     grey = colour_costs(plain, seen([thing], grey=True).frame, poses, 400)
     assert abs(grey[1] - grey[0]) < 0.5
+
+
+@pytest.mark.parametrize(("aside", "speaks"), [(5, True), (0, True), (None, False)])
+def test_paint_that_lies_aside_still_tells_which_way_round_a_thing_is(
+    box: Known, aside: int | None, speaks: bool
+) -> None:
+    thing, view = standing(box), camera()
+    rgb, depth, _ = picture(view, [thing])
+    painted = 255 - rgb if aside is None else np.roll(rgb, aside, axis=1)
+    segments = segment(painted, depth, 1.0, Grid.of(view, 2), AIR)
+    one_image = View(segments, Frame.of(segments), PARAMS, 60)
+    assert (turn_speaks(box.model, one_image.frame, at(thing, one_image, box)) > 0.0) == speaks
+    turned = at(replace(thing, R=yawed(YAW + np.pi)), one_image, box)
+    assert turn_speaks(box.model, one_image.frame, turned) == 0.0
+    free = np.ones(len(segments.labels), dtype=bool)
+    asked = replace(PARAMS, told_by_shape=True)
+    found = recognise({0: box.model}, {0: box.upright}, segments, one_image.frame, free, asked, 60)
+    assert set(found) == ({0} if speaks else set())
+    if aside:
+        assert found[0].score < RECOGNITION.accept
+        assert off(found[0].registration.R, thing.R) < 0.03
 
 
 def test_a_pose_that_shows_next_to_nothing_is_no_rival(box: Known) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_diagram.perception.registration.colour_margin import turn_speaks
 from twin_diagram.perception.registration.naming import TUNING as NAMING
 from twin_diagram.perception.registration.naming import Naming
 from twin_diagram.perception.registration.registration import RegisteredPose
@@ -71,7 +72,7 @@ def naming(known: Known, view: View, one: RegisteredPose) -> Naming:
         one: the pose.
     """
     model = known.model
-    colours = colours_speak(known, one)
+    colours = told_by_colours(known, view, one)
     # What something carries hides its outline, and stands on nothing.
     evidence = None if floats(known, view, one) else shape_evidence(model, view.frame, view.segments, one)
     if evidence is None:
@@ -92,6 +93,12 @@ def colours_speak(known: Known, one: RegisteredPose) -> float:
     return float(np.clip(TUNING.colours[0] * more, 0.0, TUNING.colours[1]))
 
 
+def told_by_colours(known: Known, view: View, one: RegisteredPose) -> float:
+    """Return by how much colours speak for a thing's name: as many fit, or they fit this way round alone [nat]."""
+    spoken = colours_speak(known, one)
+    return turn_speaks(known.model, view.frame, one) if spoken <= 0.0 and view.params.told_by_shape else spoken
+
+
 def passes(evidence: ShapeEvidence, shape: float) -> bool:
     """Return whether a thing shows nothing that stretching does not explain; `shape`: the share that is in place."""
     return (
@@ -106,3 +113,18 @@ def passes(evidence: ShapeEvidence, shape: float) -> bool:
 def is_another(one: Naming | None) -> bool:
     """Return whether a thing is not taken for what it is named at all; None: nobody asked."""
     return one is not None and one.looks > 0 and one.odds < TUNING.never
+
+
+def name_believed(known: Known, view: View, one: RegisteredPose, ask: bool) -> bool:
+    """Return whether a find is believed to be what it was asked for as.
+
+    Args:
+        known: that.
+        view: the image.
+        one: the find, named.
+        ask: of what colours do not speak for shape is asked, beside all other objects.
+    """
+    looked = one.named is not None and one.named.looks > 0
+    if ask and looked and known.model.coloured and told_by_colours(known, view, one) <= 0.0:
+        return False
+    return not is_another(one.named)

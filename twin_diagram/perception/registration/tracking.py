@@ -15,7 +15,7 @@ from twin_diagram.perception.registration.global_search import judged, nearby
 from twin_diagram.perception.registration.instances import taken
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming_evidence import TUNING as NAMING
-from twin_diagram.perception.registration.naming_evidence import colours_speak, is_another, naming
+from twin_diagram.perception.registration.naming_evidence import name_believed, naming
 from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.shape_search import coloured_after_all, search_by_shape
@@ -232,7 +232,9 @@ def search_for(
         if _got_to(library[k], slots[k], view, one.registration)
     }
     ask = view.params.told_by_shape
-    believed = {k: one for k, one in convincing.items() if carried(slots[k], time) or _told(library[k], one, ask)}
+    believed = {
+        k: one for k, one in convincing.items() if carried(slots[k], time) or name_believed(library[k], view, one, ask)
+    }
     open_ = [k for k in wanted if k not in believed and not in_the_air(slots[k], time)]
     if open_ and ask:
         left = free & unexplained_by(library, believed, view.segments)
@@ -245,13 +247,6 @@ def _got_to(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
     """Return whether a lost object can be where a search found it, and is: it may be hidden where it was, if not."""
     reached = aloft(slot, view.segments.time).reaches(one) or taken(known.model, slot, view.segments)
     return reached and _convincing(known, slot, view, one)
-
-
-def _told(known: Known, one: RegisteredPose, ask: bool) -> bool:
-    """Return whether a find is believed; `ask`: of what colours do not speak for shape is asked, beside all others."""
-    if ask and known.model.coloured and colours_speak(known, one) <= 0.0 and one.named is not None and one.named.looks:
-        return False
-    return not is_another(one.named)
 
 
 def _named(known: Known, view: View, one: RegisteredPose) -> RegisteredPose:
