@@ -35,6 +35,7 @@ TUNING = Tuning()
 TORQUES = ("torque_measured", "torque_commanded")
 """Signals of which a log needs one."""
 FOREIGN = "; --columns tells what other names mean"
+"""Said where a log's columns are not the format's."""
 SPARE = ("velocity_estimated", "position_commanded")
 """Signals that a log need not have."""
 CURRENT = "current_measured"
