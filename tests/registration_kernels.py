@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import Pinhole
-from twin_diagram.perception.registration import colour_kernels, point_kernels
+from twin_diagram.perception.registration import colour_kernels, point_kernels, residual_kernels
 from twin_diagram.perception.registration.data_association import Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -23,10 +23,8 @@ def linearise(looked: Looked, frame: Frame, level: int, reach: float, share: flo
     """Normal equations of depth and colour, and the noise of each point."""
     count = len(looked.told)
     H, b = np.zeros((count, 6, 6)), np.zeros((count, 6))
-    noise = frame.camera.depth_noise
     cuts = (reach, TUNING.deepest * reach, TUNING.model_noise)
-    told = (noise.floor, noise.growth, noise.start)
-    point_kernels.depth_normal(looked.told, looked.flags, told, cuts, H, b)
+    residual_kernels.depth_normal(looked.told, looked.flags, frame.noise, cuts, H, b)
     if share > 0.0:
         colours = colour_terms(looked, frame, level, reach, share).without_shift(frame.shift)
         H, b = H + colours.H, b + colours.b
@@ -50,8 +48,9 @@ def inward(silhouette: Silhouette | None, looked: Any, camera: Pinhole) -> Norma
     ):
         told[..., column] = getattr(looked, name)
     flags = (looked.counted * point_kernels.COUNTED).astype(np.uint8)
-    view = (camera.fx, camera.fy, *camera.centre, np.ascontiguousarray(camera.R_WC), camera.p_WC, np.zeros(3))
-    point_kernels.inward_normal(told, flags, silhouette.arrays, view, SILHOUETTE.cuts, result.H, result.b)
+    pose = np.ascontiguousarray(camera.R_WC), camera.p_WC
+    view = point_kernels.LooksFrom(camera.fx, camera.fy, *camera.centre, *pose, np.zeros(3))
+    residual_kernels.inward_normal(told, flags, silhouette.cells, view, SILHOUETTE.cuts, result.H, result.b)
     return result
 
 

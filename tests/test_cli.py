@@ -151,6 +151,9 @@ RUN_CASES: dict[str, tuple[list[str], list[str]]] = {
     "override that is no YAML": (["tabletop", "--set", "twin.home=[1"], ["twin.home"]),
     "no length of time": (["tabletop", "--duration", "0"], ["duration", "0"]),
     "endless": (["tabletop", "--duration", "inf"], ["duration"]),
+    "a rate that fills the memory": (["tabletop", "--set", "twin.filter.rate=1e9"], ["twin.filter.rate", "1e+09"]),
+    "steps without an end": (["tabletop", "--set", "twin.camera=null", "--set", "world.time_step=1e-9"],
+                             ["world.time_step", "1e-09"]),
     "negative seed": (["tabletop", "--seed", "-3"], ["seed", "-3"]),
     "no such station": (["tabletop", "--set", "station=mars"], ["station", "'mars'"]),
     "replay of nothing": (["tabletop", "--set", "station=replay", "--set", "twin.camera=null", "--set",
@@ -283,7 +286,7 @@ def test_outputs_are_tried_before_the_work(
         monkeypatch.setattr(f"twin_diagram.{place}", work)
     monkeypatch.setattr("twin_diagram.runs.outputs.open_recording", work)
     if command == "replay":
-        monkeypatch.setattr("twin_diagram.runs.run.read_log", read_log)  # how long it takes is asked first
+        monkeypatch.setattr("twin_diagram.runs.replayed.read_log", read_log)  # how long it takes is asked first
     target = "new/x.csv" if command == "predict" or option == "--log" else "new/x"
     line = refused(command, *PLACES[command][0], option, target)
     assert f"{option} {target}: cannot be written: Read-only file system" in line
@@ -295,10 +298,11 @@ def test_outputs_are_tried_before_the_work(
         (OSError(errno.ENOSPC, "No space left on device"), "error: No space left on device\n"),
         (PermissionError(errno.EACCES, "Permission denied", "out/x"), "error: out/x: Permission denied\n"),
         (OSError("two\nlines"), "error: two lines\n"),
+        (MemoryError("858 GiB"), "error: not enough memory: 858 GiB\n"),
     ],
 )
 def test_what_goes_wrong_while_it_is_written_is_one_line(
-    error: OSError, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    error: Exception, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail(*_: object) -> None:
         raise error
@@ -616,3 +620,14 @@ def test_runs_that_tell_too_little_are_refused_in_one_line(
     assert cli.main(["gap", "--model", "arms/ur5e.urdf", *logs]) == 2
     err = capsys.readouterr().err
     assert err.startswith("error: these runs are too short") and err.count("\n") == 1
+
+
+def test_a_terminal_without_our_letters_gets_the_rest(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "twin_diagram", "fields", "twin.filter"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and "encoder_std" in done.stdout, done.stderr

@@ -220,3 +220,21 @@ def test_interpreter_without_venv_names_the_package(tmp_path: Path) -> None:
     minor = f"{sys.version_info[0]}.{sys.version_info[1]}"
     assert f"install the package python{minor}-venv" in done.stderr
     assert not (tmp_path / ".venv").exists()
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["replay", "gone"],
+        ["replay", "gone.csv"],
+        ["replay", "bare.csv"],
+        ["run", "tabletop", "--set", "twin.gone=1"],
+        ["run", "tabletop", "--log", "log.txt"],
+    ],
+)
+def test_what_is_plainly_wrong_is_said_before_seconds_of_importing(argv: list[str], tmp_path: Path) -> None:
+    (tmp_path / "bare.csv").write_text("time\n")
+    code = f"import os, sys; os.chdir({str(tmp_path)!r}); from twin_diagram.cli import main; "
+    code += f"print(main({argv!r}), *sorted({{'numba', 'cv2', 'open3d', 'matplotlib'}} & set(sys.modules)))"
+    done = python(code)
+    assert done.stdout.split() == ["2"], (done.stdout, done.stderr)

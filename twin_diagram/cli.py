@@ -6,6 +6,7 @@ Bad input ends in one clear line on stderr and exit status 2; nothing half-writt
 from __future__ import annotations
 
 import argparse
+import io
 import logging
 import os
 import sys
@@ -33,10 +34,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: what follows the program's name; None: this process's own, which ends here where a signal stops it.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="replace")  # where the terminal has no `·` or `°`, the rest is worth reading
     arguments = _parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     # Where to look is said by the run itself; a filter stays when importing pydrake sets the level.
     logging.getLogger("drake").addFilter(_worth_saying)
+    if arguments.verbose:
+        logging.getLogger("twin_diagram").setLevel(logging.DEBUG)
     try:
         with missing_packages_named(), one_thread(), stoppable():  # before NumPy is imported
             _import_effects(getattr(arguments, "imported", []))
@@ -58,6 +63,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read the output has enough of it; keep the interpreter from complaining about it at exit.
         _leave_stdout()
         return 0
+    except MemoryError as error:
+        print(
+            f"error: not enough memory: {' '.join(str(error).split()) or 'something asked for is too large'}",
+            file=sys.stderr,
+        )
+        return 2
     except OSError as error:
         print(f"error: {_said(error)}", file=sys.stderr)
         try:
@@ -95,6 +106,7 @@ def _parser() -> argparse.ArgumentParser:
 
     parser = _Parser(prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram.")
     parser.add_argument("--version", action="version", version=f"twin-diagram {__version__}")
+    parser.add_argument("--verbose", action="store_true", help="say all that Drake warns of in a description")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
     run = commands.add_parser("run", help="run a scenario: station and twin in closed loop")
@@ -258,9 +270,11 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
 
 def _run(arguments: argparse.Namespace) -> int:
     from twin_diagram.native import require_egl
+    from twin_diagram.runs.places import places_for
     from twin_diagram.scenario.file import load_scenario
 
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
+    places_for(arguments.out, arguments.record, arguments.log)  # before seconds of importing
     require_packages(*RUN)
     if scenario.station == "sim" and scenario.twin.perceiving:
         require_egl()
@@ -280,23 +294,19 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
+    from twin_diagram.runs.places import places_for
+    from twin_diagram.runs.replayed import replay_scenario
+
+    scenario = replay_scenario(arguments.log, arguments.model, _overrides(arguments), arguments.columns)
+    places_for(arguments.out, None, None)
     require_packages(*RUN)
-    from twin_diagram.runs.run import replay_log
+    from twin_diagram.runs.run import run_scenario
 
     def say(text: str) -> None:
         """What the twin believes is JSON, which another program may read; anything else goes beside it."""
         print(text, file=sys.stdout if text.startswith("{") else sys.stderr, flush=True)
 
-    replay_log(
-        arguments.log,
-        model=arguments.model,
-        overrides=_overrides(arguments),
-        columns=arguments.columns,
-        out=arguments.out,
-        show=arguments.meshcat,
-        meldis=arguments.meldis,
-        say=say,
-    )
+    run_scenario(scenario, out=arguments.out, show=arguments.meshcat, meldis=arguments.meldis, say=say)
     return 0
 
 

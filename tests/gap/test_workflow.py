@@ -389,6 +389,13 @@ def test_nothing_is_left_where_writing_fails(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_single_log_needs_no_list(runs: tuple[Path, list[Path]], tmp_path: Path) -> None:
+    model, (_, held, _) = runs
+    for log in (tmp_path / "gone", str(tmp_path / "gone")):
+        with pytest.raises(TwinError, match="gone: "):
+            run_gap(model, log, held)
+
+
 @pytest.mark.long
 def test_a_joint_without_torque_is_no_crash(runs: tuple[Path, list[Path]], tmp_path: Path) -> None:
     """A drive that logs nothing: the run does not follow the model, and no catalogue says so of a motor."""

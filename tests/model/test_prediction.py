@@ -246,6 +246,13 @@ def test_files(tmp_path: Path, truth: Log) -> None:
             np.testing.assert_array_equal(archive[name], columns[name])
 
 
+def test_of_a_log_that_is_all_ends_no_misfit_is_told(tmp_path: Path, truth: Log) -> None:
+    write_log(truth.between(0.0, 0.5), tmp_path / "log.csv")
+    said: list[str] = []
+    predict("arms/panda.urdf", tmp_path / "log.csv", tmp_path / "p.csv", say=said.append)
+    assert len(said) == 1 and "too short" in said[0]
+
+
 def test_bad_input_leaves_nothing_behind(tmp_path: Path, truth: Log) -> None:
     write_log(truth.between(0.0, 1.0).select(JOINTS[:6]), tmp_path / "log.csv")
     out = tmp_path / "p.csv"

@@ -54,3 +54,10 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path, parts: tuple[str, ...])
     with pytest.raises(IsADirectoryError):
         atomic_file.write(place, "a file where there is a folder")
     assert tree(tmp_path) == {"out/a": "old"}
+
+
+def test_a_failure_leaves_no_folder_that_was_made_for_it(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    with pytest.raises(RuntimeError), atomic_file.folder(tmp_path / "there" / "new" / "newer" / "out"):
+        raise RuntimeError
+    assert [path.name for path in tmp_path.rglob("*")] == ["there"]

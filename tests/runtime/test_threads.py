@@ -93,12 +93,14 @@ def test_a_variable_of_one_library_leaves_that_one_alone(free: None, monkeypatch
     assert held["openblas"] == 2 and held.get("openmp", 1) == 1
 
 
-def test_a_run_of_the_library_leaves_the_users_threads(free: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_of_the_library_leaves_the_users_threads(free: None, tmp_path: Path) -> None:
     seen: list[set[int]] = []
     before, environment, pictures = pools(), dict(os.environ), cv2.getNumThreads()
     cv2.setNumThreads(2)
     say = lambda text: seen.append({*pools().values(), cv2.getNumThreads()})  # noqa: E731
-    run_scenario(small_scenario(*BLIND, "duration=0.05", objects=()), quiet=True, say=say)
+    out = str(tmp_path / "out")  # a name will do
+    run_scenario(small_scenario(*BLIND, "duration=0.05", objects=()), out=out, pictures=False, quiet=True, say=say)
+    assert (tmp_path / "out" / "summary.json").is_file()
     assert seen and all(each == {1} for each in seen)
     assert cv2.getNumThreads() == 2
     cv2.setNumThreads(pictures)

@@ -5,12 +5,42 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
 
-from twin_diagram.runtime.work_beside import TUNING, WorkBeside
+from twin_diagram.runtime.work_beside import TUNING, WorkBeside, alike
 from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A question as those of a run are: arrays in a dataclass."""
+
+    number: int
+    values: Array
+
+
+class Warmed:
+    """Says how often it was warmed up."""
+
+    times = 0
+
+    def warm_up(self) -> None:
+        """Count."""
+        self.times += 1
+
+    def answer(self, question: Picture) -> Array:
+        return question.values * self.times
+
+
+class Slow(Warmed):
+    """Never begins."""
+
+    def warm_up(self) -> None:
+        time.sleep(600.0)
 
 
 class Squares:
@@ -78,6 +108,34 @@ def test_the_first_answer_may_take_longer(beside: WorkBeside[tuple[int, bytes], 
     beside.ask(asked(1))
     assert beside.answer(asked(1)) is not None
     assert beside._patience == TUNING.patience
+
+
+def test_it_is_warmed_up_once_before_it_counts_as_begun() -> None:
+    with WorkBeside[Picture, Array](Warmed(), "warms up") as beside:
+        beside.wait()
+        assert beside._worker.begun.is_set() and not beside.why
+        picture = Picture(1, np.array([1.0, np.nan]))
+        beside.ask(picture)
+        np.testing.assert_array_equal(beside.answer(Picture(1, np.array([1.0, np.nan]))), picture.values)
+        assert beside.answer(Picture(1, np.array([1.0, 2.0]))) is None
+        assert beside.answer(Picture(2, picture.values)) is None
+
+
+def test_one_that_never_begins_is_ended(caplog: pytest.LogCaptureFixture) -> None:
+    with WorkBeside[Picture, Array](Slow(), "sleeps", patience=0.5) as beside:
+        with caplog.at_level(logging.WARNING, "twin_diagram"):
+            beside.wait()
+        assert beside._worker.process.wait(10.0) is not None
+    assert len(caplog.messages) == 1 and "did not begin within 0.5 s" in caplog.messages[0]
+
+
+def test_questions_are_alike_to_the_bit() -> None:
+    values = np.arange(6.0).reshape(2, 3)
+    same = (values, values.copy(), np.asfortranarray(values))
+    assert all(alike(Picture(1, values), Picture(1, each)) for each in same)
+    other: tuple[Any, ...] = (values[:1], values.astype(np.float32), values + 1e-15, -values, values.ravel())
+    assert not any(alike(Picture(1, values), Picture(1, each)) for each in other)
+    assert alike((1, b"2"), (1, b"2")) and not alike((1, b"2"), (1, b"3")) and not alike(1, True)
 
 
 def test_it_ends_with_its_user(caplog: pytest.LogCaptureFixture) -> None:

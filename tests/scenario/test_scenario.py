@@ -622,3 +622,7 @@ def test_an_object_without_a_name_is_refused() -> None:
     scenario.twin.library = {" ": "objects/can"}
     with pytest.raises(ScenarioError, match=r"twin\.library: an object has an empty name"):
         check_twin(scenario.twin)
+
+
+def test_a_single_override_needs_no_list() -> None:
+    assert load_scenario("tabletop", "duration=2.5").duration == 2.5

@@ -33,6 +33,9 @@ def add_asset_commands(commands: Any) -> None:
     build.add_argument("--masks", type=Path, metavar="D", help="folder of masks, beside or instead of the frames' own")
     build.add_argument("--cube-edge", type=float, metavar="M", help="edge of the green cube in predictions [m]")
     build.add_argument("--unit", default="m", help="of the mesh: m, cm, mm or in (default: %(default)s)")
+    build.add_argument(
+        "--root", type=Path, metavar="DIR", help="folder within which a mesh may name textures (default: its own)"
+    )
     build.add_argument("--replace", action="store_true", help="write an asset of that name anew")
     build.set_defaults(command=_build)
 
@@ -76,6 +79,8 @@ def _built(arguments: argparse.Namespace) -> BuiltAsset:
         raise AssetError(f"--unit {arguments.unit}: is of a mesh; frames are in mm, predictions scaled by --cube-edge")
     if arguments.cube_edge is not None and not predictions:
         raise AssetError(f"--cube-edge {arguments.cube_edge:g}: scales predictions (.npz) alone; {source} has a unit")
+    if arguments.root is not None and (frames or predictions):
+        raise AssetError(f"--root {arguments.root}: is of a mesh; {source} names no files")
     if frames:
         return build_from_frames(source, name, library, mass, density, masks, again, say)
     if predictions:
@@ -84,7 +89,7 @@ def _built(arguments: argparse.Namespace) -> BuiltAsset:
         return build_from_predictions(source, name, library, arguments.cube_edge, mass, density, masks, again, say)
     if masks is not None:
         raise AssetError(f"--masks {masks}: masks are of frames; {source} is a mesh")
-    return build_from_mesh(source, name, library, mass, density, arguments.unit, again)
+    return build_from_mesh(source, name, library, mass, density, arguments.unit, again, arguments.root)
 
 
 def _size(lengths: Iterable[float]) -> str:

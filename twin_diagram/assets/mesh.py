@@ -135,7 +135,8 @@ def parse_obj(path: Path) -> ObjText:
     corners: list[tuple[int, int, int]] = []
     materials, libraries, material = [], [], ""
     try:
-        for line in path.read_text(encoding="utf-8").replace("\\\n", " ").splitlines():
+        # Numbers are ASCII; names and remarks may have any other encoding.
+        for line in path.read_text(encoding="utf-8", errors="surrogateescape").replace("\\\n", " ").splitlines():
             key, *rest = line.split() or [""]
             if key in raw:
                 raw[key].append([float(x) for x in rest])

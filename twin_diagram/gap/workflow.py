@@ -122,7 +122,7 @@ class Gap:
 @one_thread()
 def run_gap(
     model: str | Path,
-    fit: Sequence[str | Path],
+    fit: str | Path | Sequence[str | Path],
     holdout: str | Path,
     out: str | Path | None = None,
     say: Say | None = None,
@@ -135,7 +135,7 @@ def run_gap(
 
     Args:
         model: a URDF, SDF or MJCF file, or the folder of a corrected model.
-        fit: measured logs to find it in.
+        fit: measured logs to find it in, or a single one.
         holdout: a measured log that is used for nothing but the proof.
         out: folder for gap.json, model/, experiments/ and report.html; None: nothing is written.
         say: told what is being done, and how much time is left.
@@ -153,6 +153,7 @@ def run_gap(
     if out is not None and (why := why_not(out, folder=True)):
         raise TwinError(f"--out {out}: {why}")
     say("reading the logs")
+    fit = [fit] if isinstance(fit, (str, Path)) else fit
     given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants)
     notes += torque_sense.checked(given, logs)
     records = prepare(given, logs)

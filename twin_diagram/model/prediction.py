@@ -304,6 +304,8 @@ def predict(
 def _misfit(model: Model, log: Log, smooth: Motion, arrived: Array, horizon: float) -> list[str]:
     """Return a table of each joint's root mean square of measured less predicted, as lines of text."""
     kept = inner(log.time)
+    if not kept.any():
+        return ["RMS, measured less predicted: none, the log is too short (0.3 s are left out at each end)"]
     position = np.sqrt(np.mean((log.position - arrived)[kept] ** 2, axis=0))
     torque = torque_residual_rms(model, log, smooth)
     wide = max(len(joint) for joint in model.joints)

@@ -15,11 +15,10 @@ from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from twin_diagram.errors import LogError, TwinError
+from twin_diagram.errors import LogError
 from twin_diagram.logs import log_from_columns, write_log
 from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runtime import atomic_file
-from twin_diagram.runtime.output_place import why_not
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import copy_scenario, dump_scenario
 from twin_diagram.station import ports
@@ -104,19 +103,6 @@ class Looking:
                 say(f"watch at {self._meshcat.web_url()}")
             if self._lcm is not None:
                 say("watch in Meldis: python -m pydrake.visualization.meldis -w")
-
-
-def check_places(out: Path | None, record: Path | None, log: Path | None) -> None:
-    """Try whether all that is asked for can be written.
-
-    Raises:
-        TwinError: one of them cannot.
-    """
-    if log is not None and log.suffix not in (".csv", ".npz"):
-        raise TwinError(f"--log {log}: a measured log is .csv or .npz")
-    for option, path in (("--out", out), ("--record", record), ("--log", log)):
-        if path is not None and (why := why_not(path, folder=option != "--log")):
-            raise TwinError(f"{option} {path}: {why}")
 
 
 class Keeping:

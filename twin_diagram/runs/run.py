@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,11 +15,8 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from twin_diagram import scenario as schema
 from twin_diagram import visualization
-from twin_diagram.errors import TwinError
 from twin_diagram.estimation.filter.parameter_status import standings
-from twin_diagram.logs import read_log
 from twin_diagram.runs.brake_watch import BrakeWatch
 from twin_diagram.runs.camera_score import camera_told
 from twin_diagram.runs.goal_watch import GoalWatch, explained
@@ -28,7 +24,9 @@ from twin_diagram.runs.growth_watch import GrowthWatch
 from twin_diagram.runs.health_watch import HealthWatch
 from twin_diagram.runs.helping_processes import helping_processes
 from twin_diagram.runs.object_watch import ObjectWatch
-from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say, check_places
+from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say
+from twin_diagram.runs.places import places_for
+from twin_diagram.runs.replayed import replay_scenario
 from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runs.score import alarms, summarize, table
 from twin_diagram.runs.search_watch import SearchWatch
@@ -39,24 +37,10 @@ from twin_diagram.runtime import stopping
 from twin_diagram.runtime.progress import Progress
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario import Scenario
-from twin_diagram.scenario.file import load_scenario, override_scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
-from twin_diagram.station.replay.reading import recorded_until
-from twin_diagram.station.replay.recording_folder import SCENARIO_FILE, place_of
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 from twin_diagram.twin.twin import TwinDiagram
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """Constants of this module, with their units and what set them."""
-
-    shortest: float = 1e-3
-    """Run of a recording that was killed at its first message [s]: a scenario lasts for some time."""
-
-
-TUNING = Tuning()
 
 
 @contextmanager
@@ -75,9 +59,9 @@ def _one_image_thread() -> Iterator[None]:
 def run_scenario(
     scenario: Scenario,
     *,
-    out: Path | None = None,
-    record: Path | None = None,
-    log: Path | None = None,
+    out: str | Path | None = None,
+    record: str | Path | None = None,
+    log: str | Path | None = None,
     show: bool = False,
     meldis: bool = False,
     pictures: bool = True,
@@ -104,11 +88,11 @@ def run_scenario(
         The summary; for a station without truth, what the twin believes at the end.
 
     Raises:
-        TwinError: something that the scenario names does not exist or does not fit.
+        TwinError: something that it names is not there or does not fit.
         KeyboardInterrupt: as Ctrl-C raises it, once recording, log, events and summary are closed; the summary says
             ``stopped``, and there are no pictures.
     """
-    check_places(out, record, log)
+    out, record, log = places_for(out, record, log)
     leave = RunFolder(out)
     look = _looking(scenario, out is not None and pictures, show, meldis)
     with ExitStack() as stack:
@@ -224,12 +208,12 @@ def _stopped(stop: KeyboardInterrupt | None) -> dict[str, Any]:
 
 @one_thread()
 def replay_log(
-    log: Path,
+    log: str | Path,
     *,
     model: str | None = None,
     overrides: Iterable[str] = (),
     columns: str | Path | None = None,
-    out: Path | None = None,
+    out: str | Path | None = None,
     show: bool = False,
     meldis: bool = False,
     say: Say = print,
@@ -251,41 +235,6 @@ def replay_log(
     """
     scenario = replay_scenario(log, model, overrides, columns)
     return run_scenario(scenario, out=out, show=show, meldis=meldis, say=say)
-
-
-def replay_scenario(
-    log: Path, model: str | None = None, overrides: Iterable[str] = (), columns: str | Path | None = None
-) -> Scenario:
-    """Return the scenario that replays a recording, or a bare log with a model of its arm."""
-    if not log.exists():
-        raise TwinError(f"{log}: no such recording or log")
-    overrides = list(overrides)
-    if log.is_dir():
-        if model is not None:
-            raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
-        if columns is not None:
-            raise TwinError(f"--columns goes with a bare log; {log} is a recording and names its own")
-        place = place_of(log)
-        if not (place / SCENARIO_FILE).is_file():
-            raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
-        scenario = load_scenario(place / SCENARIO_FILE)
-        if place != log:  # its run was killed
-            scenario.duration = min(scenario.duration, max(recorded_until(place), TUNING.shortest))
-        scenario = override_scenario(scenario, overrides)
-    else:
-        if model is None:
-            raise TwinError(f"{log}: a bare log needs --model, the arm's description")
-        arm = schema.ArmModel(model=str(model), tool_frame="")
-        measured = read_log(log, columns)
-        driver = schema.Driver(rate=1.0 / measured.period)
-        twin = schema.Twin(arm=arm, camera=None, driver=driver)
-        scenario = schema.Scenario(twin=twin, duration=float(measured.time[-1] - measured.time[0]))
-        if columns is not None:
-            scenario.replay.columns = str(Path(columns).resolve() if Path(columns).exists() else columns)
-        scenario = override_scenario(scenario, overrides)
-    scenario.station = "replay"
-    scenario.replay.log = str(log.resolve())
-    return scenario
 
 
 def beliefs(loop: ClosedLoop, context: Context) -> dict[str, Any]:

@@ -22,6 +22,9 @@ class Tuning:
     """Looked within first [m]: most of the time something is so near, and of seven objects on a table 1700 pairs of
     shapes are within 30 cm, 70 within 5 cm."""
 
+    approach: float = 0.01
+    """Before that, so much beyond the distance of the time before [m]: an arm at 0.5 m/s comes so near in a sample."""
+
 
 TUNING = Tuning()
 
@@ -36,6 +39,7 @@ class TrueClearance:
         """Sort the geometry of a `sim` station into arm and others."""
         world: WorldPlant = cast(Any, station).world
         plant, self._station = world.plant, station
+        self._before = TUNING.closer[0]
         arm = world.arm.arm
         arm_bodies = [body for instance in arm.instances for body in plant.GetBodyIndices(instance)]
         self._arm_bodies = {int(body) for body in arm_bodies}
@@ -54,11 +58,12 @@ class TrueClearance:
             horizon: distances beyond this are not told apart [m].
         """
         query: Any = self._station.GetOutputPort(ports.QUERY_OBJECT).Eval(context)
-        nearest = horizon
-        for reach in (*(closer for closer in TUNING.closer if closer < horizon), horizon):
+        nearest, likely = horizon, min(max(self._before, 0.0) + TUNING.approach, horizon)
+        for reach in (likely, *(closer for closer in (*TUNING.closer, horizon) if likely < closer <= horizon)):
             nearest = self._nearest(query, reach)
             if nearest < reach:
                 break
+        self._before = nearest
         results: Any = self._station.GetOutputPort(ports.CONTACT_RESULTS).Eval(context)
         contacts = 0
         for i in range(results.num_point_pair_contacts()):

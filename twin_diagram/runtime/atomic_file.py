@@ -40,12 +40,24 @@ def folder(path: str | Path, parts: Collection[str] = ()) -> Iterator[Path]:
             whole.
     """
     path = Path(path).absolute()
+    above = [each for each in path.parents if not each.exists()]
     aside = make_aside(path, inside=bool(parts))
     try:
         yield aside
         put_in_place(aside, path, parts)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
+        if not path.exists():
+            _remove_empty(above)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove folders that were made for nothing, the innermost first; what somebody else put there stays."""
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:
+            return
 
 
 def make_aside(path: Path, *, inside: bool = False) -> Path:

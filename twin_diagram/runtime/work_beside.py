@@ -9,8 +9,10 @@ from __future__ import annotations
 import logging
 import pickle
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
 
 from twin_diagram.runtime.worker_process import WorkerProcess
 
@@ -21,7 +23,11 @@ Told = TypeVar("Told", covariant=True)
 
 
 class Answering(Protocol[Asked, Told]):
-    """What answers questions: the answer is a function of the question alone. It and the questions can be pickled."""
+    """What answers questions: the answer is a function of the question alone. It and the questions can be pickled.
+
+    Questions are kept until they are answered, so nobody changes them. One may have a method `warm_up`: its process
+    calls it before it counts as begun.
+    """
 
     def answer(self, question: Asked, /) -> Told:
         """Return the answer."""
@@ -46,6 +52,15 @@ class Tuning:
 TUNING = Tuning()
 
 
+@dataclass
+class _Asked:
+    """A question, the bytes of it that were sent, and its answer as soon as that is there."""
+
+    question: Any
+    sent: bytes
+    answer: Any = None
+
+
 class WorkBeside(Generic[Question, Answer]):
     """Answers questions in a process of its own.
 
@@ -68,31 +83,38 @@ class WorkBeside(Generic[Question, Answer]):
         self._does = does
         self._patience = TUNING.beginning if patience is None else patience
         self._later = TUNING.patience if patience is None else patience
-        self._known: dict[bytes, Answer | None] = {}
+        self._known: list[_Asked] = []
         self._changed = threading.Condition()
         self._worker = WorkerProcess(pickle.dumps(answering), self._answered, self._fail)
 
+    def wait(self) -> None:
+        """Wait until the process has begun: what is asked after that waits for nothing that is done once."""
+        if not self._worker.begun.wait(self._patience):
+            self._fail(self._worker, f"did not begin within {self._patience:g} s")
+
     def ask(self, question: Question) -> None:
         """Tell that an answer will be wanted; returns at once."""
-        key = _key(question)
         with self._changed:
-            if key in self._known or self.why:
+            if self.why or self._find(question) is not None:
                 return
-            while len(self._known) >= TUNING.kept:
-                self._known.pop(next(iter(self._known)))
-            self._known[key] = None
-        self._worker.ask(key)
+            asked = _Asked(question, pickle.dumps(question, protocol=pickle.HIGHEST_PROTOCOL))
+            self._known = [*self._known[max(0, len(self._known) - TUNING.kept + 1) :], asked]
+        self._worker.ask(asked.sent)
 
     def answer(self, question: Question) -> Answer | None:
         """Return the answer, waiting for it; None where nobody asked for it, or what answers has failed."""
-        key = _key(question)
         with self._changed:
-            if key not in self._known:
+            asked = self._find(question)
+            if asked is None:
                 return None
-            if self._changed.wait_for(lambda: self.why or self._known.get(key) is not None, self._patience):
-                return self._known.get(key)
+            if self._changed.wait_for(lambda: self.why or asked.answer is not None, self._patience):
+                return asked.answer  # type: ignore[no-any-return]
         self._fail(self._worker, f"gave no answer within {self._patience:g} s")
         return None
+
+    def _find(self, question: Question) -> _Asked | None:
+        """Return what was asked alike; the newest first."""
+        return next((asked for asked in reversed(self._known) if alike(asked.question, question)), None)
 
     def close(self) -> None:
         """End the process."""
@@ -107,11 +129,12 @@ class WorkBeside(Generic[Question, Answer]):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _answered(self, key: bytes, answer: Any) -> None:
+    def _answered(self, sent: bytes, answer: Any) -> None:
         with self._changed:
             self._patience = self._later
-            if key in self._known:
-                self._known[key] = answer
+            for asked in self._known:
+                if asked.sent is sent:
+                    asked.answer, asked.sent = answer, b""
             self._changed.notify_all()
 
     def _fail(self, worker: WorkerProcess, why: str) -> None:
@@ -126,5 +149,19 @@ class WorkBeside(Generic[Question, Answer]):
         worker.process.kill()
 
 
-def _key(question: object) -> bytes:
-    return pickle.dumps(question, protocol=pickle.HIGHEST_PROTOCOL)
+def alike(one: object, other: object) -> bool:
+    """Return whether two questions are the same to the bit: an image's million numbers are not packed to compare them.
+
+    Args:
+        one: a question or a part of one.
+        other: likewise.
+    """
+    if one is other:
+        return True
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and not one.dtype.hasobject:
+        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+    if is_dataclass(one):
+        return all(alike(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
+    return pickle.dumps(one) == pickle.dumps(other)

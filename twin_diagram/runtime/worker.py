@@ -1,6 +1,7 @@
 """The process that works beside a running loop: `python -m twin_diagram.runtime.worker`.
 
-It reads what answers and then questions from its standard input, and writes the answers to its standard output. It
+It reads what answers and then questions from its standard input, and writes the answers to its standard output; before
+these an empty message, which says that it has begun. It
 lives no longer than the one that started it: when its standard input ends, so does it, whatever it is at.
 """
 
@@ -59,6 +60,9 @@ def main() -> None:
     incoming: queue.Queue[bytes] = queue.Queue()
     threading.Thread(target=_read, args=(incoming,), daemon=True).start()
     answering = pickle.loads(incoming.get())
+    if hasattr(answering, "warm_up"):
+        answering.warm_up()
+    send(answers, b"")
     while True:
         send(answers, pickle.dumps(answering.answer(pickle.loads(incoming.get())), protocol=pickle.HIGHEST_PROTOCOL))
 

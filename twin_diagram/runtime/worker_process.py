@@ -39,6 +39,7 @@ class WorkerProcess:
 
     Attributes:
         process: the process.
+        begun: set once it has read what answers and warmed it up, or has ended.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class WorkerProcess:
             failed: takes what went wrong where the process ended without being asked to; called likewise.
         """
         self._answered, self._failed = answered, failed
+        self.begun = threading.Event()
         self._told = TemporaryFile()
         # Not multiprocessing, which would run the user's own script once more.
         self.process = subprocess.Popen(
@@ -82,12 +84,15 @@ class WorkerProcess:
         assert to is not None and back is not None
         try:
             send(to, answering)  # type: ignore[arg-type]
+            receive(back)  # type: ignore[arg-type]
+            self.begun.set()
             while (key := self._asked.get()) is not None:
                 send(to, key)  # type: ignore[arg-type]
                 self._answered(key, pickle.loads(receive(back)))  # type: ignore[arg-type]
         except (OSError, EOFError, ValueError):
             if not self._ended:
                 self._failed(self, self._ending())
+            self.begun.set()
 
     def _ending(self) -> str:
         status = self.process.wait()

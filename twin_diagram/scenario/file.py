@@ -52,7 +52,7 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
 
     Args:
         path: a YAML file, or the name of a scenario that comes along such as ``tabletop``.
-        overrides: ``dotted.field=value`` each, the value being YAML, e.g. ``twin.filter.rate=400``.
+        overrides: ``dotted.field=value`` each, the value being YAML, e.g. ``twin.filter.rate=400``; or a single one.
 
     Raises:
         ScenarioError: the file is missing or not YAML, or a field is unknown or of the wrong type; it names the field.
@@ -74,7 +74,7 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
 
 def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
     """Return a copy with fields set anew, as in `load_scenario`."""
-    overrides = list(overrides)
+    overrides = [overrides] if isinstance(overrides, str) else list(overrides)
     if not overrides:
         return copy_scenario(scenario)
     # All of it as plain data, so that an override may reach into what no file named.

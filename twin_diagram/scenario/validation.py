@@ -95,6 +95,8 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
     TaskStep: ("seconds",),
 }
 """Fields that may be zero, but not below."""
+MOST_RATE = 1e5
+"""What comes more often than this [1/s] was told in another unit, and fills the memory."""
 BEFORE_NEXT = 0.002
 """What an image shows is to count so long before the next is delivered [s]: twice the millisecond after which images
 are looked at."""
@@ -225,6 +227,8 @@ def _check_fields(value: Any, name: str) -> None:
     for field in POSITIVE.get(type(value), ()):
         if getattr(value, field) is not None and not getattr(value, field) > 0:
             raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not positive")
+    if "rate" in POSITIVE.get(type(value), ()) and (value.rate or 0.0) > MOST_RATE:
+        raise ScenarioError(f"{name}.rate", f"{value.rate:g} is more than {MOST_RATE:g} a second")
     for field in NOT_NEGATIVE.get(type(value), ()):
         if getattr(value, field) is not None and not getattr(value, field) >= 0:
             raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is negative")

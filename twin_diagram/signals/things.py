@@ -7,6 +7,7 @@ with one thing for as long as it holds its slot and is never given again; 0: the
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -95,8 +96,18 @@ class Thing:
 
 
 def things_of(vector: Array) -> list[Thing]:
-    """Return the things of a port (T · THING_SIZE), free slots included."""
-    return [Thing.unpack(row) for row in np.asarray(vector, dtype=float).reshape(-1, THING_SIZE)]
+    """Return the things of a port (T · THING_SIZE), free slots included; these hold arrays that cannot be written."""
+    rows = np.asarray(vector, dtype=float).reshape(-1, THING_SIZE)
+    return [Thing.unpack(row) if row[0] > 0 else _free(row.tobytes()) for row in rows]
+
+
+@lru_cache(maxsize=4)
+def _free(row: bytes) -> Thing:
+    """Return what a free slot holds: most are free and alike, and a planner asks for all of them at each tick."""
+    thing = Thing.unpack(np.frombuffer(row))
+    for array in (thing.middle, thing.velocity, thing.shift, *thing.pieces):
+        array.setflags(write=False)
+    return thing
 
 
 def carried(vector: Array, now: float) -> Array:

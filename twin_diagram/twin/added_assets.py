@@ -6,7 +6,7 @@ know its shape by a number that follows the library's, and which Contexts look f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Final, cast
@@ -74,9 +74,9 @@ class AddedAssets:
         self._sight.check_slots()
         return self._sight
 
-    def looking_beside(self) -> AbstractContextManager[None]:
+    def looking_beside(self) -> AbstractContextManager[Callable[[], None]]:
         """Have a process of its own look at images; see `IcpPoseEstimator`. Several cameras' are looked at here."""
-        return self._sight.looking_beside() if isinstance(self._sight, IcpPoseEstimator) else nullcontext()
+        return self._sight.looking_beside() if isinstance(self._sight, IcpPoseEstimator) else nullcontext(lambda: None)
 
     def looked_at(self, diagram: Diagram, context: Context) -> float:
         """Return when the newest image that was looked at was taken [s], in a Context of the twin."""

@@ -6,6 +6,7 @@ names. It is built from the scenario's ``twin:`` alone, so it cannot know what a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -140,7 +141,7 @@ class TwinDiagram:
         """
         self.added.use(self.diagram, context, number, X_WO)
 
-    def looking_beside(self) -> AbstractContextManager[None]:
+    def looking_beside(self) -> AbstractContextManager[Callable[[], None]]:
         """Have a process of its own look at images where that has a latency; see `IcpPoseEstimator`."""
         return self.added.looking_beside()
 

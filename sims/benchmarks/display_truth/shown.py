@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.assets.mesh import parse_obj
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.native import import_open3d
 from twin_diagram.runs.learning.seen_map import TUNING as SEEN
-from twin_diagram.runs.learning.seen_map import Boxes, SeenMap, Voxels, all_about
+from twin_diagram.runs.learning.seen_map import SeenMap, Voxels, all_about
 
 Array = npt.NDArray[np.float64]
 SAMPLES = 3000

@@ -9,6 +9,7 @@ import struct
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -320,6 +321,8 @@ def bad_meshes(folder: Path) -> dict[str, tuple[Path, list[str]]]:
         "slivers": (written(folder, "slivers.obj", "v 0 0 0\nv 0.1 0 0\nv 0.2 0 0\nf 1 2 3\n"), ["slivers.obj"]),
         "cut glb": (written(folder, "cut.glb", glb[: len(glb) // 2]), ["cut.glb", "glb"]),
         "text glb": (written(folder, "text.glb", "hello"), ["text.glb", "glb"]),
+        "text gltf": (written(folder, "text.gltf", "hello"), ["text.gltf", "no JSON"]),
+        "list gltf": (written(folder, "list.gltf", "[1]"), ["list.gltf", "no JSON object"]),
         "ending": (written(folder, "mesh.blend", "hello"), ["mesh.blend", ".obj", ".stl", ".glb"]),
         "folder": (folder / "colours", ["colours"]),
         "missing": (folder / "gone.obj", ["gone.obj", "no such"]),
@@ -338,7 +341,7 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, list[
 
 NAMES = (
     "link,climb,absolute,broken picture,far buffer,nan,nan stl,no faces,empty,empty stl,index,words,short,binary,flat,"
-    "slivers,cut glb,text glb,ending,folder,missing,large,small,huge"
+    "slivers,cut glb,text glb,text gltf,list gltf,ending,folder,missing,large,small,huge"
 ).split(",")
 
 
@@ -429,3 +432,56 @@ def test_a_missing_material_is_told_and_gone_without(tmp_path: Path) -> None:
     assert any("top.png" in note for note in build_from_mesh(mesh, "a", tmp_path / "lib").notes)
     (tmp_path / "src" / "box.mtl").unlink()
     assert any("box.mtl" in note for note in build_from_mesh(mesh, "b", tmp_path / "lib").notes)
+
+
+def test_pictures_beside_the_meshes_folder_are_read_where_one_says_so(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As `meshes/` and `textures/` lie in one folder."""
+    mesh = write_coloured(tmp_path / "thing" / "meshes")
+    (tmp_path / "thing" / "textures").mkdir()
+    (mesh.parent / "top.png").rename(tmp_path / "thing" / "textures" / "top.png")
+    materials = mesh.with_suffix(".mtl")
+    materials.write_text(materials.read_text().replace("top.png", "../textures/top.png"))
+    build = ["assets", "build", mesh, "--name", "a", "--library", tmp_path / "lib"]
+    assert "--root" in refused(capfd, *build)
+    assert "gone" in refused(capfd, *build, "--root", tmp_path / "gone")
+    assert "textures" in refused(capfd, *build, "--root", mesh.parent)
+    assert cli.main([str(word) for word in (*build, "--root", tmp_path / "thing")]) == 0
+    asset = Asset.load(tmp_path / "lib" / "a")
+    np.testing.assert_allclose(colour_at(asset, (-0.03, 0.01, 0.02)), [1, 0, 0], atol=0.02)
+
+
+def test_what_a_gltf_lacks_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Its triangles' file; and a compression that would be read as zeros."""
+    for name, data in box(0.1, 0.1, 0.1).export(file_type="gltf").items():
+        written(tmp_path, name, data)
+    tree = json.loads((tmp_path / "model.gltf").read_text())
+    build = ["assets", "build", tmp_path / "model.gltf", "--name", "a", "--library", tmp_path / "lib"]
+    packed = {**tree, "extensionsRequired": ["KHR_draco_mesh_compression"]}
+    written(tmp_path, "model.gltf", json.dumps(packed))
+    assert "KHR_draco_mesh_compression" in refused(capfd, *build)
+    written(tmp_path, "model.gltf", json.dumps(tree))
+    buffer = tree["buffers"][0]["uri"]
+    (tmp_path / buffer).unlink()
+    line = refused(capfd, *build)
+    assert buffer in line and "not there" in line
+
+
+def test_remarks_and_names_may_have_any_encoding(tmp_path: Path) -> None:
+    mesh = write_coloured(tmp_path / "src")
+    mesh.write_bytes("# für Möbel\n".encode("latin-1") + mesh.read_bytes())
+    assert build_from_mesh(mesh, "a", tmp_path / "lib").volume == pytest.approx(0.1 * 0.06 * 0.04)
+
+
+def test_mujoco_reads_the_same_object_as_drake(tmp_path: Path) -> None:
+    built = build_from_mesh(write_stl(tmp_path / "l.stl", corner()), "l", tmp_path / "lib", mass=0.4)
+    spec = read_spec(built.folder)
+    model = mujoco.MjModel.from_xml_path(str(built.folder / "model.xml"))
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, model.body_iquat[1])
+    inertia = turn.reshape(3, 3) @ np.diag(model.body_inertia[1]) @ turn.reshape(3, 3).T
+    xx, yy, zz, xy, xz, yz = spec.inertia
+    np.testing.assert_allclose(inertia, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], atol=1e-9)
+    assert model.body_mass[1] == pytest.approx(0.4) and np.abs(model.body_ipos[1]).max() < 1e-9
+    assert model.ngeom == 1 + len(spec.pieces)

@@ -98,6 +98,14 @@ def test_what_holds_nothing_is_taken_for_its_hull() -> None:
     np.testing.assert_allclose(solid.centre, 0, atol=1e-9)
 
 
+def test_a_thin_open_plate_holds_no_more_than_its_hull() -> None:
+    """Thinner than the cells that fill it, in tiles whose gaps are closed with those."""
+    tiles = [box(0.008, 0.008, 0.0002, at=(0.012 * x, 0.012 * y, 0.0)) for x in range(16) for y in range(12)]
+    surface = weld(np.concatenate([np.array(tile.triangles)[1:] for tile in tiles]))
+    assert not surface.closed
+    assert solid_of(surface).volume <= 1.1 * hull_of(surface.vertices).volume
+
+
 def test_a_sheet_has_no_volume() -> None:
     flat = np.array([[[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]]])
     with pytest.raises(AssetError, match="lie in a plane"):

@@ -12,10 +12,11 @@ from tests.assets.building.pictured import Shots, box, cameras, shots
 from twin_diagram.assets.building.cube_outline import outlined_edges
 from twin_diagram.assets.building.cube_scale import Cube, is_green
 from twin_diagram.assets.building.depth_view import make_view, view_points
-from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, without
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, without, without_hand
 from twin_diagram.assets.building.levelling import levelled
 from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.errors import FramesError
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.signals import rotations
 
 EDGE, AT = 0.04, (0.085, 0.015)
@@ -144,6 +145,18 @@ def test_where_the_cube_stands_nothing_else_is() -> None:
     cut = without(field, Cube(0.04, np.array([0.05, 0.05, 0.05]), np.eye(3)))
     assert cut.distance[5, 5, 5] == pytest.approx(0.02) and cut.distance[0, 0, 0] == pytest.approx(-0.02)
     assert cut.distance[7, 5, 5] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_where_a_hand_was_nothing_of_what_it_held_is_but_for_a_thin_layer() -> None:
+    grid = FusionGrid(np.zeros(3), 0.01, (11, 11, 11))
+    full = np.full(grid.shape, -0.02, np.float32)
+    turned = np.array([[0.0, -1.0, 0.0, 0.05], [1.0, 0.0, 0.0, 0.05], [0.0, 0.0, 1.0, 0.05], [0.0, 0.0, 0.0, 1.0]])
+    hand = Boxes(turned, np.array([[-0.01, 0.0, -0.02]]), np.array([[0.01, 0.04, 0.02]]))
+    cut = without_hand(DistanceField(grid, full, full, full > 0), hand, 0.002).distance
+    # The hand's y is −x here: from 0.01 to 0.05, less the layer.
+    assert cut[:, 5, 5] == pytest.approx([-0.012, -0.002, *[0.008] * 3, -0.002, -0.012, *[-0.02] * 4], abs=1e-6)
+    assert cut[3, 4:7, 5] == pytest.approx([-0.002, 0.008, -0.002], abs=1e-6)
+    assert cut[3, 5, 3:8] == pytest.approx([-0.002, 0.008, 0.008, 0.008, -0.002], abs=1e-6)
 
 
 def test_what_stands_beside_is_no_surface_and_ends_rays(taken: Shots) -> None:

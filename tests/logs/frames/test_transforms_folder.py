@@ -10,8 +10,10 @@ import pytest
 
 from tests.runs.learning.held_box import shown, turned
 from twin_diagram.errors import FramesError
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.logs.frames.transforms_folder import TransformsFolder, write_transforms
+from twin_diagram.runs.learning.motion import pose
 
 
 def frames(count: int = 2) -> list[RgbdFrame]:
@@ -41,6 +43,14 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         for name in ("fx", "fy", "cx", "cy", "width", "height"):
             assert getattr(back.camera, name) == getattr(frame.camera, name)
     assert (folder / "hands" / "0001.png").is_file()
+
+
+def test_boxes_of_the_hand_are_read_again(tmp_path: Path) -> None:
+    sent = Boxes(pose(np.eye(3)[[1, 2, 0]], np.array([0.1, 0.0, -0.2])), np.zeros((2, 3)), np.full((2, 3), 0.02))
+    (got,) = TransformsFolder(write_transforms(tmp_path / "frames", frames(1), None, [sent])).hands
+    assert got.X_ST == pytest.approx(sent.X_ST) and got.low == pytest.approx(sent.low)
+    assert got.high == pytest.approx(sent.high)
+    assert TransformsFolder(write_transforms(tmp_path / "bare", frames(1))).hands == []
 
 
 def test_poses_and_pixels_are_as_nerfstudio_has_them(tmp_path: Path) -> None:
@@ -89,6 +99,15 @@ def test_poses_and_pixels_are_as_nerfstudio_has_them(tmp_path: Path) -> None:
             "applied_transform holds no",
         ),
         (lambda told: told.update(applied_scale=0), "applied_scale is 0"),
+        (lambda told: told.update(hand_boxes=3), "hand_boxes is no list"),
+        (lambda told: told.update(hand_boxes=[3]), "hand_boxes 0 has no transform_matrix"),
+        (lambda told: told.update(hand_boxes=[{"transform_matrix": np.eye(4).tolist()}]), "has no low and high"),
+        (
+            lambda told: told.update(
+                hand_boxes=[{"transform_matrix": np.eye(4).tolist(), "low": [[0, 0, 0]], "high": []}]
+            ),
+            "hand_boxes 0: low and high are not corners",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(tmp_path: Path, change: object, word: str) -> None:
@@ -117,7 +136,13 @@ def test_what_was_applied_to_the_poses_is_undone(tmp_path: Path) -> None:
         X = X_AW @ np.array(frame["transform_matrix"])
         X[:3, 3] *= 0.25
         frame["transform_matrix"] = X.tolist()
-    after = changed(folder, frames=told["frames"], applied_transform=X_AW[:3].tolist(), applied_scale=0.25).read(1)
+    X = X_AW @ pose(np.eye(3), np.array([0.1, 0.2, 0.3]))
+    X[:3, 3] *= 0.25
+    hands = [{"transform_matrix": X.tolist(), "low": [[0, 0, 0]], "high": [[1, 1, 1]]}]
+    applied = {"applied_transform": X_AW[:3].tolist(), "applied_scale": 0.25}
+    got = changed(folder, frames=told["frames"], hand_boxes=hands, **applied)
+    assert got.hands[0].X_ST[:3, 3] == pytest.approx([0.1, 0.2, 0.3])
+    after = got.read(1)
     assert after.camera.R_WC == pytest.approx(before.R_WC) and after.camera.p_WC == pytest.approx(before.p_WC)
 
 

@@ -46,9 +46,9 @@ class Course:
 
     def normal_equations(self, R: Array, p: Array, *given: Any) -> None:
         _, _, _, points_W, rules, (level, reach), _, (H, b) = given
-        assert rules[2][2] == PARAMS.colour_weight / (1.0 - PARAMS.colour_weight) / 0.05**2
+        assert rules.terms.colour_factor == PARAMS.colour_weight / (1.0 - PARAMS.colour_weight) / 0.05**2
         # A tenth of the pull of points is point-to-point.
-        assert rules[4] == (0.1, 2.0 * 0.0007, model().spacing)
+        assert rules.pairs == (0.1, 2.0 * 0.0007, model().spacing)
         turned, shifted = self.steps[min(len(self.asked), len(self.steps) - 1)]
         self.asked.append((level, round(reach, 9)))
         self.explained.append(len(points_W))

@@ -83,6 +83,11 @@ def test_shipped_grippers_are_those_of_the_arms_files(
     assert high.max(axis=0) == pytest.approx(every_high, abs=1e-6)
     inner = min(np.abs([a[1], b[1]]).min() for name, (a, b) in found.items() if "finger" in name)
     assert 2 * inner == pytest.approx(gripper.opening_most, abs=1e-6)
+    for share in (0.0, 0.3):  # of the fingers' travel
+        part = boxes_of(file, gripper.frame, bodies, {name: share * open_ for name, open_ in joints.items()})
+        inner = min(np.abs([a[1], b[1]]).min() for name, (a, b) in part.items() if "finger" in name)
+        travel = share * sum(abs(open_) for open_ in joints.values())
+        assert gripper.apart(travel) == pytest.approx(2 * inner, abs=1e-6)
 
 
 def test_boxes_close_and_are_drawn_out_along_the_approach() -> None:

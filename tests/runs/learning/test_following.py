@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from tests.runs.learning.held_box import HALF, camera, shown, turned
+from twin_diagram.planning.grasps.gripper import WSG50
 from twin_diagram.runs.learning.cell import Picture
+from twin_diagram.runs.learning.coverage import hands_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld
 from twin_diagram.runs.learning.following import Followed, apart, follow, found_again
 from twin_diagram.signals import rotations
@@ -61,6 +63,17 @@ def test_the_camera_is_where_the_tool_and_the_arm_put_it() -> None:
         X_TW = np.linalg.inv(one.X_WT)
         assert X_SC[:3, 3] == pytest.approx(X_TW[:3, :3] @ one.picture.camera.p_WC + X_TW[:3, 3], abs=1e-3)
         assert X_SC[:3, :3] == pytest.approx(X_TW[:3, :3] @ one.picture.camera.R_WC, abs=4e-3)
+
+
+def test_the_hand_was_where_the_middle_picture_of_each_grasp_says() -> None:
+    pictures = [replace(shown(turned(0.3 * k), X_TB, k), grasp=int(k > 2)) for k in range(4)]
+    poses = [placed([0.001 * k, 0.0, 0.0]) for k in range(4)]
+    first, second = hands_of(Followed(pictures, poses), [0.04, 0.06], WSG50)
+    assert first.X_ST[0, 3] == pytest.approx(0.001) and second.X_ST[0, 3] == pytest.approx(0.003)
+    # Between the pads it is free, beside them there is a finger.
+    assert list(first.hold(placed([0.001, 0, 0])[:3, 3] + [[0, 0.019, 0], [0, 0.021, 0]])) == [False, True]
+    assert list(second.hold(placed([0.003, 0, 0])[:3, 3] + [[0, 0.029, 0], [0, 0.031, 0]])) == [False, True]
+    assert len(hands_of(Followed(pictures[:2], poses[:2]), [0.04, 0.06], WSG50)) == 1
 
 
 def test_pictures_that_all_show_too_little_are_told_and_not_taken_for_followed() -> None:

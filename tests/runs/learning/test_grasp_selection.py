@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.runs.learning.test_seen_map import NORMALS as EVERY_NORMAL
 from tests.runs.learning.test_seen_map import POINTS as EVERY_POINT
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.planning.grasps import WSG50, Grasps
 from twin_diagram.runs.learning.coverage import LATER, asks_for_more, order_of, tilts_of
 from twin_diagram.runs.learning.display import tool_at
@@ -22,7 +23,7 @@ from twin_diagram.runs.learning.grasp_selection import (
     pictures_of,
 )
 from twin_diagram.runs.learning.motion import pose
-from twin_diagram.runs.learning.seen_map import Boxes, SeenMap, Voxels, all_about
+from twin_diagram.runs.learning.seen_map import SeenMap, Voxels, all_about
 from twin_diagram.scenario import Learning
 
 Array = npt.NDArray[np.float64]

@@ -131,7 +131,7 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
 
     for name, stage in (
         ("show_first", lambda tools, picked: held if len(bin_.failures) == 2 else bin_.show(tools, picked)),
-        ("write_frames", lambda folder, what: None),
+        ("write_frames", lambda folder, what, gripper: None),
         ("put_away", put_away),
     ):
         monkeypatch.setattr(handling, name, stage)
@@ -139,7 +139,7 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
     run._jobs, learning = jobs, Learning(grasps=1, weigh_seconds=0.0)
     cell = SimpleNamespace(**vars(run.tools.cell), opening=0.05, q=np.zeros(7), moment=lambda name: None)
     mover = SimpleNamespace(tool=lambda q: np.eye(4))
-    tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=mover, cameras={}, faces=None)
+    tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=mover, gripper=None, cameras={}, faces=None)
     run.tools = tools
     run.run()
     assert [one.state for one in run.state.learned] == ["failed", "failed", "handled"]

@@ -9,8 +9,9 @@ import numpy.typing as npt
 import pytest
 
 from tests.runs.learning.held_box import HALF, shown, turned
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
-from twin_diagram.runs.learning.seen_map import Boxes, SeenMap, Voxels, all_about, seen_map, sights
+from twin_diagram.runs.learning.seen_map import SeenMap, Voxels, all_about, seen_map, sights
 
 Array = npt.NDArray[np.float64]
 STEP = 0.002

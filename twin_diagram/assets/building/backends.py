@@ -15,6 +15,7 @@ import numpy as np
 from twin_diagram.assets.building.reconstruct import FrameSource, reconstruct
 from twin_diagram.assets.building.texture_atlas import lay_out, textured
 from twin_diagram.assets.mesh import Image
+from twin_diagram.logs.frames.transforms_folder import TransformsFolder
 from twin_diagram.signals.arrays import Array
 
 
@@ -63,7 +64,8 @@ class TsdfBackend:
 
     def shape(self, frames: FrameSource, where: str, say: Callable[[str], None] = lambda text: None) -> ColouredSurface:
         """See `ShapeBackend.shape`."""
-        found = reconstruct(frames, where, self.seed, say, held=self.held)
+        hands = frames.hands if isinstance(frames, TransformsFolder) else ()
+        found = reconstruct(frames, where, self.seed, say, held=self.held, hands=hands)
         atlas = lay_out(len(found.faces))
         picture = textured(found.views, found.vertices, found.faces, atlas)
         return ColouredSurface(

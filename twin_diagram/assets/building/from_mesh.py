@@ -73,6 +73,7 @@ def build_from_mesh(
     density: float | None = None,
     unit: str = "m",
     replace_it: bool = False,
+    root: str | Path | None = None,
 ) -> BuiltAsset:
     """Make an asset of a mesh and put it into a library.
 
@@ -86,6 +87,7 @@ def build_from_mesh(
         density: [kg/m³]; without either: water's.
         unit: of the mesh: m, cm, mm, in.
         replace_it: write an asset of that name anew.
+        root: the folder within which the mesh may name files, such as holds `meshes/` and `textures/`; None: its own.
 
     Raises:
         AssetError: anything that cannot be used; nothing is written.
@@ -93,7 +95,9 @@ def build_from_mesh(
     path = Path(mesh)
     check_told(mass, density, unit)
     place_for(name, library, replace_it)
-    source = read_source(path)
+    if root is not None and not Path(root).is_dir():
+        raise AssetError(f"--root {root}: no such folder")
+    source = read_source(path, root=None if root is None else Path(root))
     corners = np.concatenate([part.corners for part in source.parts]) * UNITS[unit]
     if path.suffix.lower() in (".glb", ".gltf"):
         corners = z_up(corners)

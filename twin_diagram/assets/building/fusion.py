@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.depth_view import DepthView, Map
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.signals.arrays import Array
 
 
@@ -154,9 +155,21 @@ def fuse(views: Sequence[DepthView], grid: FusionGrid, noise: float, plane: Arra
 
 def without(field: DistanceField, cube: Cube) -> DistanceField:
     """Return a field in which a cube is outside: where it stands nothing else is, though no view looks in there."""
-    q = np.abs((field.grid.points() - cube.centre) @ cube.axes.T) - cube.edge / 2
+    return _less(field, (field.grid.points() - cube.centre) @ cube.axes.T, np.full(3, cube.edge / 2))
+
+
+def without_hand(field: DistanceField, hand: Boxes, within: float) -> DistanceField:
+    """Return a field in which a hand's boxes are outside, but for their outermost layer of a thickness `within` [m]."""
+    points = (field.grid.points() - hand.X_ST[:3, 3]) @ hand.X_ST[:3, :3]
+    for low, high in zip(hand.low, hand.high, strict=True):
+        field = _less(field, points - 0.5 * (low + high), 0.5 * (high - low) - within)
+    return field
+
+
+def _less(field: DistanceField, points: Array, half: Array) -> DistanceField:
+    """Return a field less a box: `points` (nx, ny, nz, 3) of the grid in its frame, `half` (3,) of its edges [m]."""
     reach = float(np.abs(field.distance).max())
-    inside = np.clip(-q.max(axis=-1), -reach, reach)
+    inside = np.clip((half - np.abs(points)).min(axis=-1), -reach, reach)
     return replace(field, distance=np.maximum(field.distance, inside).astype(np.float32))
 
 

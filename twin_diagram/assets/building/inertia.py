@@ -26,6 +26,9 @@ class Tuning:
     least_inside: float = 0.02
     """Share of its hull that must be inside of an open surface; less: it holds nothing, and its hull is taken."""
 
+    most_filled: float = 1.1
+    """Times its hull: of a sheet thinner than a cell more is filled, and its hull is taken; of a ball it is 1.02."""
+
     flat: float = 1e-4
     """A hull with less volume than this share of its size, cubed, is a sheet."""
 
@@ -71,7 +74,8 @@ def solid_of(surface: Surface) -> EvenBody:
             return solid
     filled = filling(surface.vertices, surface.faces)
     if filled is not None and filled[1] >= TUNING.least_inside * hull.volume:
-        return filled[0]
+        if filled[0].volume <= TUNING.most_filled * hull.volume:
+            return filled[0]
     return enclosed(surface.vertices, outward(hull), "hull")
 
 

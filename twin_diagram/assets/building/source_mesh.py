@@ -1,8 +1,12 @@
-"""Meshes as people have them: OBJ with its materials, STL, PLY, glTF. What they name must lie in their own folder."""
+"""Meshes as people have them: OBJ with its materials, STL, PLY, glTF.
+
+What they name must lie in their own folder, or in one that was told.
+"""
 
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -56,11 +60,23 @@ class Source:
     notes: tuple[str, ...]
 
 
-class Beside:
-    """Reads the files that a mesh names: only such as lie, links followed, in the mesh's own folder or below."""
+PICTURES: Final = (".png", ".jpg", ".jpeg", ".webp", ".ktx2", ".tga", ".bmp", ".gif", ".tif", ".tiff")
+"""Suffixes of what materials name."""
 
-    def __init__(self, mesh: Path) -> None:
+
+class Beside:
+    """Reads the files that a mesh names: only such as lie, links followed, in one folder or below.
+
+    Args:
+        mesh: that names them, from its own folder on.
+        root: the folder that holds them all; None: the mesh's own.
+        pictures: whether they are wanted.
+    """
+
+    def __init__(self, mesh: Path, root: Path | None = None, pictures: bool = True) -> None:
         self._mesh, self._folder = mesh, mesh.parent
+        self._root, self._pictures = (mesh.parent if root is None else root).resolve(), pictures
+        self._where = "the mesh's folder" if root is None else str(root)
         self.notes: list[str] = []
         self.problem: AssetError | None = None
 
@@ -72,13 +88,16 @@ class Beside:
             FileNotFoundError: it is not there; noted.
         """
         path = self._folder / name.strip()
+        if not self._pictures and path.suffix.lower() in PICTURES:
+            raise FileNotFoundError(str(path))
         try:
-            inside = path.resolve().is_relative_to(self._folder.resolve())
+            inside = path.resolve().is_relative_to(self._root)
         except (OSError, ValueError, RuntimeError):  # a circle of links, a name with \0
             inside = False
         if not inside:
             self.problem = AssetError(
-                f"{self._mesh}: names {name!r}, which lies outside of the mesh's folder; copy it there, named by itself"
+                f"{self._mesh}: names {name!r}, which lies outside of {self._where}; copy it there, named by itself, "
+                "or tell a folder that holds both, --root"
             )
             raise self.problem
         if not path.is_file():
@@ -89,12 +108,13 @@ class Beside:
     __getitem__ = get
 
 
-def read_source(path: Path, *, looks: bool = True) -> Source:
+def read_source(path: Path, *, looks: bool = True, root: Path | None = None) -> Source:
     """Read a mesh of any kind that can be read.
 
     Args:
         path: of the file.
         looks: whether colours and textures are wanted; to decode a picture takes as long as all else.
+        root: the folder within which it may name files; None: its own.
 
     Raises:
         AssetError: not such a file, unreadable, without triangles, with values that are not finite or with files that
@@ -114,7 +134,7 @@ def read_source(path: Path, *, looks: bool = True) -> Source:
         raise AssetError(f"{path}: not a kind of mesh that is read; these are: {', '.join(sorted(readers))}")
     if not path.is_file():
         raise AssetError(f"{path}: no such mesh")
-    beside = Beside(path)
+    beside = Beside(path, root, looks)
     parts = readers[path.suffix.lower()](path, beside, looks)
     for part in parts:
         numbers = [part.corners, part.colours, *([] if part.uv is None else [part.uv])]
@@ -228,6 +248,8 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
     """Read STL, PLY or glTF; one part for each mesh as it is placed."""
     import trimesh
 
+    if path.suffix.lower() in (".glb", ".gltf"):
+        _refuse_compressed(path)
     try:
         kind = path.suffix.lower()[1:]
         loaded = trimesh.load(
@@ -239,6 +261,8 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
         parts = [
             _part_of(mesh, X, looks) for mesh, X in placed if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
         ]
+    except FileNotFoundError:
+        raise beside.problem or AssetError(beside.notes[-1].removesuffix("; built without it")) from None
     except OSError:
         raise
     except Exception as error:  # whatever a reader of foreign files meets
@@ -247,6 +271,20 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
     if beside.problem:
         raise beside.problem  # the reader may have gone on without the file
     return parts
+
+
+def _refuse_compressed(path: Path) -> None:
+    """Refuse a glTF whose triangles are compressed: the reader would take zeros in their place."""
+    data = path.read_bytes()
+    if path.suffix.lower() == ".glb" and data[:4] != b"glTF":
+        raise AssetError(f"{path}: cannot be read as glb: it does not begin as one")
+    told = data[20 : 20 + int.from_bytes(data[12:16], "little")] if data[:4] == b"glTF" else data
+    try:
+        required = set(json.loads(told).get("extensionsRequired", ()))
+    except (ValueError, AttributeError, TypeError):
+        raise AssetError(f"{path}: cannot be read as {path.suffix.lower()[1:]}: it holds no JSON object") from None
+    if unread := required & {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"}:
+        raise AssetError(f"{path}: its triangles are compressed ({min(unread)}); export it without compression")
 
 
 def _read_collada(path: Path, beside: Beside, looks: bool) -> list[Part]:

@@ -58,8 +58,7 @@ class NewAsset:
         unit: of the source.
         source: the source's name, without a path.
         unseen: share of the surface that was never seen; None where that is not known.
-        measured: its inertia in O, whose origin is its centre; None: that of an even body. With it `model.xml`, an
-            MJCF, is written, too.
+        measured: its inertia in O, whose origin is its centre; None: that of an even body.
     """
 
     name: str
@@ -162,7 +161,7 @@ def _write_files(new: NewAsset, folder: Path) -> None:
     )
     if new.measured is not None:
         _tell_errors(spec, new.measured)
-        (folder / "model.xml").write_text(mjcf(spec, np.zeros(3), inertia, [file.name for file in files]))
+    (folder / "model.xml").write_text(mjcf(spec, np.zeros(3), inertia, [file.name for file in files]))
     model = sdf(spec, np.zeros(3), inertia, pieces=files, feet_O=feet(new.mesh.vertices))
     (folder / "model.sdf").write_text(model)
     spec.files = {

@@ -5,6 +5,9 @@ z backwards; here C is x right, y down, z forwards. There a pixel's centre lies 
 Depth is 16 bits; its unit is `depth_unit_scale_factor` [m], a millimetre where the file does not say. What was done to
 the poses after they were measured (`applied_transform`, 3 × 4 or 4 × 4, and `applied_scale`) is undone: depth is in
 metres.
+
+`hand_boxes` is this project's own: of each grasp, where the hand's frame was (`transform_matrix`, among the cameras'
+poses) and the lowest and highest corners of boxes that the hand filled, in its frame [m].
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ import numpy.typing as npt
 
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.folder_files import in_folder, read_image, read_json
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.scene_folder import RgbdFrame, read_mask
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.runtime import atomic_file
@@ -41,6 +45,7 @@ class TransformsFolder:
     Attributes:
         has_masks: whether every frame has one.
         posed: they always are.
+        hands: boxes that a hand filled, a grasp each; none where the file tells of none.
 
     Raises:
         FramesError: a file is missing, leads out of the folder, or says what cannot be; the message names it.
@@ -66,6 +71,7 @@ class TransformsFolder:
             raise FramesError(f"{self._file}: depth_unit_scale_factor is {self._unit:g} m, not positive")
         self._undone = self._applied()
         self._poses = [self._pose(k) for k in range(len(self._frames))]
+        self.hands = self._hand_boxes()
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -158,18 +164,38 @@ class TransformsFolder:
         return float(value)
 
     def _pose(self, number: int) -> tuple[Array, Array]:
-        try:
-            X = np.array(self._frames[number]["transform_matrix"], dtype=float).reshape(4, 4)
-        except (KeyError, TypeError, ValueError):
-            raise FramesError(f"{self._file}: frame {number} has no transform_matrix of 4 × 4") from None
-        if not _is_rigid(X):
-            raise FramesError(f"{self._file}: frame {number}: transform_matrix holds no rotation")
+        X = self._metric(self._frames[number], f"frame {number}")
         self._lens(number)
-        undo, scale = self._undone
-        X[:3, 3] /= scale
-        X = undo @ X
         u, _, vt = np.linalg.svd(X[:3, :3] @ _FLIP)
         return u @ vt, X[:3, 3]
+
+    def _metric(self, told: Any, what: str) -> Array:
+        """Return the pose (4, 4) that something in the file tells, with what was applied to it undone."""
+        try:
+            X = np.array(told["transform_matrix"], dtype=float).reshape(4, 4)
+        except (KeyError, TypeError, ValueError):
+            raise FramesError(f"{self._file}: {what} has no transform_matrix of 4 × 4") from None
+        if not _is_rigid(X):
+            raise FramesError(f"{self._file}: {what}: transform_matrix holds no rotation")
+        undo, scale = self._undone
+        X[:3, 3] /= scale
+        return np.asarray(undo @ X)
+
+    def _hand_boxes(self) -> list[Boxes]:
+        """Return the boxes that a hand filled, by grasps."""
+        told, found = self._all.get("hand_boxes", []), []
+        if not isinstance(told, list):
+            raise FramesError(f"{self._file}: hand_boxes is no list")
+        for k, one in enumerate(told):
+            X = self._metric(one, f"hand_boxes {k}")
+            try:
+                low, high = (np.array(one[key], dtype=float).reshape(-1, 3) for key in ("low", "high"))
+            except (KeyError, TypeError, ValueError):
+                raise FramesError(f"{self._file}: hand_boxes {k} has no low and high of three numbers a box") from None
+            if low.shape != high.shape or not np.isfinite([low, high]).all():
+                raise FramesError(f"{self._file}: hand_boxes {k}: low and high are not corners of boxes")
+            found.append(Boxes(X, low, high))
+        return found
 
 
 def _is_rigid(X: Array) -> bool:
@@ -181,7 +207,10 @@ def _is_rigid(X: Array) -> bool:
 
 
 def write_transforms(
-    folder: str | Path, frames: Sequence[RgbdFrame], hands: Sequence[npt.NDArray[np.bool_]] | None = None
+    folder: str | Path,
+    frames: Sequence[RgbdFrame],
+    hands: Sequence[npt.NDArray[np.bool_]] | None = None,
+    boxes: Sequence[Boxes] = (),
 ) -> Path:
     """Write posed frames as Nerfstudio reads them, whole or not at all. Returns the folder.
 
@@ -189,6 +218,7 @@ def write_transforms(
         folder: is replaced.
         frames: of one lens, with colours, without distortion; the grids of depth and colours are one.
         hands: (h, w) masks of the hand that holds the object, under `hand_mask_path`: what others leave out.
+        boxes: that the hand filled, a grasp each.
 
     Raises:
         FramesError: frames without colours.
@@ -221,6 +251,11 @@ def write_transforms(
             **{"cx": first.cx + 0.5, "cy": first.cy + 0.5, "depth_unit_scale_factor": UNIT},
             "frames": listed,
         }
+        if boxes:
+            told["hand_boxes"] = [
+                {"transform_matrix": one.X_ST.tolist(), "low": one.low.tolist(), "high": one.high.tolist()}
+                for one in boxes
+            ]
         (aside / FILE).write_text(json.dumps(told, indent=1))
     return folder
 

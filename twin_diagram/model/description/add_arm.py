@@ -30,7 +30,7 @@ from pydrake.multibody.tree import (
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError, ScenarioError
-from twin_diagram.model.description import foreign, unparsed
+from twin_diagram.model.description import foreign, impossible, parser_warnings, unparsed
 from twin_diagram.scenario import resources
 from twin_diagram.scenario.poses import pose
 
@@ -188,16 +188,7 @@ def add_arm(
             that are), or a base that is fixed by the description although X_WB is given.
     """
     spec = resolve(spec, packages, base_dir)
-    try:
-        instances = foreign.add_models(parser(plant, packages), Path(spec.model))
-    except RuntimeError as error:
-        said = _first_line(error)
-        unknown = re.search(r"unknown package '([^']+)'", said)
-        advice = f"; {resources.name_package(unknown[1])}" if unknown else ""
-        raise ModelError(f"{spec.model}: cannot be read: {said}{advice}") from error
-    if not instances:
-        raise ModelError(f"{spec.model}: holds no model")
-
+    instances = _parsed(plant, spec, packages)
     every = _joints(plant, instances)
     # Before Finalize the plant does not list actuators by model instance.
     actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
@@ -233,7 +224,27 @@ def add_arm(
     )
 
 
-def _first_line(error: Exception) -> str:
+def _parsed(
+    plant: MultibodyPlant, spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None
+) -> tuple[ModelInstanceIndex, ...]:
+    """Put a description into a plant; what is wrong with it is said in one line."""
+    impossible.refuse_impossible(Path(spec.model))
+    try:
+        with parser_warnings.in_one_line(Path(spec.model)):
+            instances = foreign.add_models(parser(plant, packages), Path(spec.model))
+    except SystemExit as error:  # of a condition within Drake, from which pydrake would end the program
+        raise ModelError(f"{spec.model}: Drake's parser does not hold it: {_first_line(error)}") from error
+    except RuntimeError as error:
+        said = _first_line(error)
+        unknown = re.search(r"unknown package '([^']+)'", said)
+        advice = f"; {resources.name_package(unknown[1])}" if unknown else ""
+        raise ModelError(f"{spec.model}: cannot be read: {said}{advice}") from error
+    if not instances:
+        raise ModelError(f"{spec.model}: holds no model")
+    return instances
+
+
+def _first_line(error: BaseException) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
 
 

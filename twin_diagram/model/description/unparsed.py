@@ -103,6 +103,14 @@ def is_nameless(path: Path) -> bool:
     return root.tag == "mujoco" and not root.get("model")
 
 
+def tree(path: Path) -> Element:
+    """Return the root of a description, of an MJCF with the files that it includes."""
+    root = _root(path)
+    if path.suffix.lower() == ".xml":
+        _include(root, path.parent)
+    return root
+
+
 def _root(path: Path) -> Element:
     """Return the root of a file that Drake could read.
 

@@ -9,7 +9,7 @@ import numpy as np
 from twin_diagram.perception.depth_noise import excess
 from twin_diagram.perception.registration.data_association import TUNING as LOOKING
 from twin_diagram.perception.registration.data_association import Looked, Poses, look
-from twin_diagram.perception.registration.fit_kernels import counts, placed_weights
+from twin_diagram.perception.registration.fit_kernels import PlaceCuts, counts, placed_weights
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
@@ -67,21 +67,20 @@ def assess(
 
 def judge(looked: Looked, frame: Frame, level: int = FINE, slack: float = 0.003) -> PoseFit:
     """Compare what was looked up at poses with the model; see `assess`."""
-    noise = frame.camera.depth_noise
-    cuts = (slack, TUNING.placed, TUNING.same_surface, RESIDUALS.model_noise)
-    weight = placed_weights(looked.told, looked.flags, (noise.floor, noise.growth, noise.start), cuts)
+    cuts = PlaceCuts(slack, TUNING.placed, TUNING.same_surface, RESIDUALS.model_noise)
+    weight = placed_weights(looked.told, looked.flags, frame.noise, cuts)
     found = frame.plain_colour_at(looked.u, looked.v, level)
     gain = brightness(found, looked.colour, looked.n, weight)
     cut = RESIDUALS.colour_cut if looked.coloured else np.inf
     sums = counts(looked.told, looked.flags, weight, found, gain, (cut, LOOKING.least_facing))
-    fits, alike, placed, open_, lost, whole, points = sums.T
-    shown = np.maximum(open_, 1e-9)
+    shown = np.maximum(sums.shown, 1e-9)
+    told = sums.shown + sums.lost
     return PoseFit(
-        quality=fits / shown,
-        likeness=alike / shown,
-        shape=placed / shown,
-        visible_share=open_ / np.maximum(np.where(open_ + lost > TUNING.enough * whole, open_ + lost, whole), 1e-9),
-        points=points,
+        quality=sums.fits / shown,
+        likeness=sums.alike / shown,
+        shape=sums.placed / shown,
+        visible_share=sums.shown / np.maximum(np.where(told > TUNING.enough * sums.whole, told, sums.whole), 1e-9),
+        points=sums.points,
     )
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.perception.registration.point_kernels import screw_row, tukey_weight
+from twin_diagram.perception.registration.residual_kernels import screw_row, tukey_weight
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import compiled
 
@@ -15,22 +15,64 @@ Mask = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.int64]
 
 
+class PointGrid(NamedTuple):
+    """A cloud sorted into the cells of a grid.
+
+    Attributes:
+        points: (M, 3) in the order of their cells.
+        order: (M,) their numbers.
+        starts: (nx, ny, nz + 1) where each cell begins in them.
+        empty: (nx, ny, nz) how many shells about each cell hold none.
+        corner: (3,) of the first cell.
+        cell: its edge [m].
+    """
+
+    points: Array
+    order: Index
+    starts: Index
+    empty: npt.NDArray[np.int16]
+    corner: Array
+    cell: float
+
+
+class SurfaceCloud(NamedTuple):
+    """Points (M, 3) of a surface in O, their normals (M, 3), and the grid that finds them."""
+
+    points: Array
+    normals: Array
+    grid: PointGrid
+
+
+class PairRules(NamedTuple):
+    """How image points are paired with a model's.
+
+    Attributes:
+        share: weight of point-to-point beside point-to-plane.
+        deviation: of a pair [m].
+        spacing: of the model's points: what is nearer along the surface need not be pulled [m].
+    """
+
+    share: float
+    deviation: float
+    spacing: float
+
+
 @compiled
-def nearest_one(x: float, y: float, z: float, grid: tuple[Any, ...], reach: float) -> tuple[float, int]:
+def nearest_one(x: float, y: float, z: float, grid: PointGrid, reach: float) -> tuple[float, int]:
     """Return the distance to the nearest point and its number; infinity and -1 where none is within `reach`.
 
     Cells are searched in growing shells about the point's own, from the first that holds any, until what is found is
     nearer than any shell to come.
     """
-    points, order, starts, empty, corner, cell = grid
-    shape = empty.shape
+    points, starts, corner, cell = grid.points, grid.starts, grid.corner, grid.cell
+    shape = grid.empty.shape
     gx, gy, gz = (x - corner[0]) / cell, (y - corner[1]) / cell, (z - corner[2]) / cell
     i0, j0, k0 = int(np.floor(gx)), int(np.floor(gy)), int(np.floor(gz))
     # To the nearest wall of its own cell: what later shells are farther away than, with their whole cells.
     slack = min(min(gx - i0, i0 + 1 - gx), min(min(gy - j0, j0 + 1 - gy), min(gz - k0, k0 + 1 - gz))) * cell
     best, found = reach * reach, -1
     inside = i0 >= 0 and j0 >= 0 and k0 >= 0 and i0 < shape[0] and j0 < shape[1] and k0 < shape[2]
-    for ring in range(empty[i0, j0, k0] if inside else 0, int(reach / cell) + 2):
+    for ring in range(grid.empty[i0, j0, k0] if inside else 0, int(reach / cell) + 2):
         if ring > 0 and ((ring - 1) * cell + slack) ** 2 >= best:
             break
         for i in range(max(i0 - ring, 0), min(i0 + ring, shape[0] - 1) + 1):
@@ -46,18 +88,18 @@ def nearest_one(x: float, y: float, z: float, grid: tuple[Any, ...], reach: floa
                             best, found = squared, m
     if found < 0:
         return np.inf, -1
-    return np.sqrt(best), order[found]
+    return np.sqrt(best), grid.order[found]
 
 
 @compiled
-def nearest(local: Array, grid: tuple[Any, ...], reach: float, distance: Array, index: Index) -> None:
+def nearest(local: Array, grid: PointGrid, reach: float, distance: Array, index: Index) -> None:
     """Fill in the distance (N,) to the nearest point and its number (N,), as `nearest_one` does."""
     for k in range(local.shape[0]):
         distance[k], index[k] = nearest_one(local[k, 0], local[k, 1], local[k, 2], grid, reach)
 
 
 @compiled
-def within(points_W: Array, R: Array, p: Array, grid: tuple[Any, ...], reach: float) -> Mask:
+def within(points_W: Array, R: Array, p: Array, grid: PointGrid, reach: float) -> Mask:
     """Return which points (N, 3) in W lie within `reach` of a cloud at R (3, 3), p (3,)."""
     result = np.empty(points_W.shape[0], dtype=np.bool_)
     local = np.empty(3)
@@ -81,7 +123,7 @@ def mean_costs(
     R: Array,
     p: Array,
     sigma: Array,
-    cloud: tuple[Any, ...],
+    cloud: SurfaceCloud,
     cuts: tuple[float, float, float, float],
 ) -> Array:
     """Return (B,) the mean cost of image points: how far they are from a model at each pose.
@@ -91,17 +133,18 @@ def mean_costs(
         R: (B, 3, 3).
         p: (B, 3).
         sigma: (N,) deviation of depth [m].
-        cloud: points, normals, grid.
+        cloud: the model's.
         cuts: reach [m]; how far aside nothing is meant by it [m]; deviation of an edge [m]; the largest deviation.
     """
-    points, normals, grid = cloud
+    reach, aside, edge, most = cuts
+    points, normals = cloud.points, cloud.normals
     result = np.zeros(R.shape[0])
     local = np.empty(3)
     for b in range(R.shape[0]):
         for k in range(points_W.shape[0]):
             into(points_W[k], R[b], p[b], local)
-            _, m = nearest_one(local[0], local[1], local[2], grid, cuts[0])
-            far = cuts[3]
+            _, m = nearest_one(local[0], local[1], local[2], cloud.grid, reach)
+            far = most
             if m >= 0:
                 along, squared = 0.0, 0.0
                 for i in range(3):
@@ -109,8 +152,8 @@ def mean_costs(
                     along += apart * normals[m, i]
                     squared += apart * apart
                 slide = np.sqrt(max(squared - along * along, 0.0))
-                beyond = max(slide - cuts[1], 0.0) / cuts[2]
-                far = min(np.sqrt((along / sigma[k]) ** 2 + beyond * beyond), cuts[3])
+                beyond = max(slide - aside, 0.0) / edge
+                far = min(np.sqrt((along / sigma[k]) ** 2 + beyond * beyond), most)
             result[b] += 0.5 * far * far / points_W.shape[0]
     return result
 
@@ -120,8 +163,9 @@ def opposite(
     points_W: Array,
     pose: tuple[Array, Array],
     p_WC: Array,
-    cloud: tuple[Any, ...],
-    cuts: tuple[float, float, float, float],
+    cloud: SurfaceCloud,
+    reach: float,
+    rules: PairRules,
     pairs: tuple[Array, Array, Array],
     sums: tuple[Array, Array],
 ) -> None:
@@ -131,19 +175,21 @@ def opposite(
         points_W: (N, 3).
         pose: R (3, 3), p (3,).
         p_WC: (3,) where the camera is.
-        cloud: points, normals, grid.
-        cuts: reach [m]; weight of point-to-point; deviation of a pair [m]; the model's spacing [m].
+        cloud: the model's.
+        reach: pairs farther apart are none [m].
+        rules: of the pairs.
         pairs: J (N, 6), w (N,), n (N, 3) in W, filled; w is -1 where there is no pair.
         sums: H (6, 6), b (6,), added to.
     """
     R, p = pose
-    points, normals, grid = cloud
+    J, weight, normal_W = pairs
+    points, normals = cloud.points, cloud.normals
     local, seen, r, n, pull = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     into(p_WC, R, p, seen)
     for k in range(points_W.shape[0]):
-        pairs[1][k] = -1.0
+        weight[k] = -1.0
         into(points_W[k], R, p, local)
-        distance, m = nearest_one(local[0], local[1], local[2], grid, cuts[0])
+        distance, m = nearest_one(local[0], local[1], local[2], cloud.grid, reach)
         if m < 0:
             continue
         front, along = 0.0, 0.0
@@ -156,24 +202,25 @@ def opposite(
             r[i] = R[i, 0] * points[m, 0] + R[i, 1] * points[m, 1] + R[i, 2] * points[m, 2]
             n[i] = R[i, 0] * normals[m, 0] + R[i, 1] * normals[m, 1] + R[i, 2] * normals[m, 2]
             pull[i] = points_W[k, i] - p[i] - r[i] - along * n[i]
-            pairs[2][k, i] = n[i]
-        w = tukey_weight(distance, cuts[0]) / cuts[2] ** 2
-        pairs[1][k] = w
-        _add_plane(r, n, along, w, pairs[0][k], sums)
+            normal_W[k, i] = n[i]
+        w = tukey_weight(distance, reach) / rules.deviation**2
+        weight[k] = w
+        _add_plane(r, n, along, w, J[k], sums)
         slide = np.sqrt(pull[0] ** 2 + pull[1] ** 2 + pull[2] ** 2)
         # Where there is nothing to pull, nothing must hold either.
-        if slide > cuts[3]:
-            _add_pull(r, pull, 1.0 - cuts[3] / slide, cuts[1] * w, sums)
+        if slide > rules.spacing:
+            _add_pull(r, pull, 1.0 - rules.spacing / slide, rules.share * w, sums)
 
 
 @compiled
 def _add_plane(r: Array, n: Array, along: float, w: float, J: Array, sums: tuple[Array, Array]) -> None:
     """Add the equations of one point-to-plane distance; write its Jacobian."""
+    H, b = sums
     screw_row(r, -n[0], -n[1], -n[2], J)
     for i in range(6):
-        sums[1][i] -= w * along * J[i]
+        b[i] -= w * along * J[i]
         for j in range(6):
-            sums[0][i, j] += w * J[i] * J[j]
+            H[i, j] += w * J[i] * J[j]
 
 
 @compiled

@@ -37,6 +37,32 @@ def plain_colours(image: Image, u: Array, v: Array, corner: tuple[float, float])
 
 
 @compiled
+def masked(image: Image, mask: Image) -> Image:
+    """Return colours (h, w, 3) times a mask (h, w), and beside them the mask: (h, w, 4)."""
+    height, width = mask.shape
+    out = np.empty((height, width, 4), dtype=np.float32)
+    for i in range(height):
+        for j in range(width):
+            for k in range(3):
+                out[i, j, k] = image[i, j, k] * mask[i, j]
+            out[i, j, 3] = mask[i, j]
+    return out
+
+
+@compiled
+def shared_out(blurred: Image, least: np.float32) -> Image:
+    """Return the colours (h, w, 3) of blurred ones (h, w, 4), over how much of each pixel's surroundings counted."""
+    height, width = blurred.shape[:2]
+    out = np.empty((height, width, 3), dtype=np.float32)
+    for i in range(height):
+        for j in range(width):
+            total = max(blurred[i, j, 3], least)
+            for k in range(3):
+                out[i, j, k] = blurred[i, j, k] / total
+    return out
+
+
+@compiled
 def solve(A: Array, b: Array) -> None:
     """Turn b (n,) into the solution of A x = b, A (n, n) being positive definite; both are written over."""
     n = b.shape[0]

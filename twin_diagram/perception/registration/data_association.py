@@ -42,9 +42,9 @@ class Tuning:
     an object's so much may be wrong."""
 
     @property
-    def limits(self) -> tuple[float, float, float, float]:
+    def limits(self) -> kernels.LookLimits:
         """As `look_up` takes them."""
-        return self.table_thickness, self.least_cosine, self.least_facing, self.buried
+        return kernels.LookLimits(self.table_thickness, self.least_cosine, self.least_facing, self.buried)
 
 
 TUNING = Tuning()

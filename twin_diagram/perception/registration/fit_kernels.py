@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -15,36 +17,75 @@ from twin_diagram.perception.registration.point_kernels import (
     NEAR,
     ROBOT,
     SEEN,
+    NoiseLaw,
     Z,
-    tukey_weight,
 )
+from twin_diagram.perception.registration.residual_kernels import tukey_weight
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import compiled
+
+
+class PlaceCuts(NamedTuple):
+    """What is in place.
+
+    Attributes:
+        slack: so far off at least may it be [m], …
+        deviations: … and so many deviations of the noise more.
+        deeper: how much deeper is something else [m].
+        model_noise: deviation of the model's surface [m].
+    """
+
+    slack: float
+    deviations: float
+    deeper: float
+    model_noise: float
+
+
+class FitSums(NamedTuple):
+    """Sums over the points of B poses, each (B,); all but `points` count by how squarely a point faces the camera.
+
+    Attributes:
+        fits: in place and colour.
+        alike: the same, by the likeness of colour.
+        placed: in place.
+        shown: open to see.
+        lost: lost to sight.
+        whole: all that face the camera.
+        points: how many fit.
+    """
+
+    fits: Array
+    alike: Array
+    placed: Array
+    shown: Array
+    lost: Array
+    whole: Array
+    points: Array
 
 
 @compiled
 def placed_weights(
     told: Array,
     flags: npt.NDArray[np.uint8],
-    noise: tuple[float, float, float],
-    cuts: tuple[float, float, float, float],
+    noise: NoiseLaw,
+    cuts: PlaceCuts,
 ) -> Array:
     """Return how squarely points (B, P) face the camera where they are in place, and 0 elsewhere.
 
     Args:
         told: (B, P, COLUMNS).
         flags: (B, P).
-        noise: of depth: floor, growth, start.
-        cuts: slack [m]; deviations that are in place; how much deeper is something else [m]; the model's noise [m].
+        noise: of depth.
+        cuts: of what is in place.
     """
     weight = np.zeros(flags.shape)
     for b in range(flags.shape[0]):
         for k in range(flags.shape[1]):
             row = told[b, k]
-            if flags[b, k] & NEAR and abs(row[DEEPER]) < cuts[2]:
-                depth = noise[0] + noise[1] * (row[Z] - noise[2]) ** 2
-                sigma = np.sqrt(depth * depth + cuts[3] * cuts[3])
-                if abs(row[DISTANCE]) < cuts[0] + cuts[1] * sigma:
+            if flags[b, k] & NEAR and abs(row[DEEPER]) < cuts.deeper:
+                depth = noise.floor + noise.growth * (row[Z] - noise.start) ** 2
+                sigma = np.sqrt(depth * depth + cuts.model_noise * cuts.model_noise)
+                if abs(row[DISTANCE]) < cuts.slack + cuts.deviations * sigma:
                     weight[b, k] = row[FACING]
     return weight
 
@@ -52,11 +93,8 @@ def placed_weights(
 @compiled
 def counts(
     told: Array, flags: npt.NDArray[np.uint8], weight: Array, found: Array, gain: Array, cuts: tuple[float, float]
-) -> Array:
-    """Return sums over the points of each pose (B, 7).
-
-    What fits in place and colour, the same by its likeness, what is in place, what is open to see, what is lost to
-    sight, the whole, each by how squarely it faces the camera; and how many points fit.
+) -> FitSums:
+    """Return sums over the points of each pose.
 
     Args:
         told: (B, P, COLUMNS).
@@ -66,14 +104,15 @@ def counts(
         gain: (B, P) brightness.
         cuts: a colour farther off is another thing's; cosine from which a point faces the camera.
     """
-    result = np.zeros((flags.shape[0], 7))
-    for b in range(flags.shape[0]):
-        sums = result[b]
+    colour_cut, least_facing = cuts
+    n = flags.shape[0]
+    sums = FitSums(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+    for b in range(n):
         for k in range(flags.shape[1]):
             row, flag = told[b, k], flags[b, k]
             facing = row[FACING]
-            if flag & COUNTED and facing > cuts[1]:
-                sums[5] += facing
+            if flag & COUNTED and facing > least_facing:
+                sums.whole[b] += facing
             if weight[b, k] != 0.0:
                 size = 0.0
                 for i in range(3):
@@ -81,17 +120,17 @@ def counts(
                     size += off * off
                 # In proportion to the light, or else everything fits in the dark.
                 size = np.sqrt(size) / max(gain[b, k], 0.2)
-                sums[1] += facing * tukey_weight(size, cuts[0])
-                sums[2] += facing
-                sums[3] += facing
-                if size < cuts[0]:
-                    sums[0] += facing
-                    sums[6] += 1.0
+                sums.alike[b] += facing * tukey_weight(size, colour_cut)
+                sums.placed[b] += facing
+                sums.shown[b] += facing
+                if size < colour_cut:
+                    sums.fits[b] += facing
+                    sums.points[b] += 1.0
             elif flag & BURIED or (flag & SEEN and row[DEEPER] >= 0.0):
-                sums[3] += facing
-            elif facing > cuts[1] and flag & (SEEN | ROBOT):
-                sums[4] += facing
-    return result
+                sums.shown[b] += facing
+            elif facing > least_facing and flag & (SEEN | ROBOT):
+                sums.lost[b] += facing
+    return sums
 
 
 @compiled

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
-from twin_diagram.perception.registration.colour_kernels import curvature_counts, plain_colours
+from twin_diagram.perception.registration.colour_kernels import curvature_counts, masked, plain_colours, shared_out
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
+from twin_diagram.perception.registration.point_kernels import Images, LooksFrom, NoiseLaw
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
@@ -117,17 +118,24 @@ class Frame:
         return bool(self.robot.any())
 
     @cached_property
-    def images(self) -> tuple[object, ...]:
-        """What `point_kernels.look_up` reads: depth, robot, whether any is in view, normals, their stride."""
+    def images(self) -> Images:
+        """What `look_up` reads of it."""
         depth = one_layout(self.depth.astype(np.float32, copy=False))
-        return depth, one_layout(self.robot), self.robot_in_view, one_layout(self.normals), self.stride
+        return Images(depth, one_layout(self.robot), self.robot_in_view, one_layout(self.normals), self.stride)
 
     @cached_property
-    def view(self) -> tuple[object, ...]:
-        """How `point_kernels` take the camera: fx, fy, cx, cy, R_WC, p_WC, the table's (a, b, c)."""
+    def view(self) -> LooksFrom:
+        """How `look_up` takes the camera and the table."""
         one = self.camera
-        arrays = (np.array(part, dtype=float, order="C") for part in (one.R_WC, one.p_WC, self.table))
-        return float(one.fx), float(one.fy), *map(float, one.centre), *arrays
+        cx, cy = map(float, one.centre)
+        R_WC, p_WC, table = (np.array(part, dtype=float, order="C") for part in (one.R_WC, one.p_WC, self.table))
+        return LooksFrom(float(one.fx), float(one.fy), cx, cy, R_WC, p_WC, table)
+
+    @property
+    def noise(self) -> NoiseLaw:
+        """The deviation of its depth."""
+        told = self.camera.depth_noise
+        return NoiseLaw(told.floor, told.growth, told.start)
 
     def corner_of_colours(self) -> tuple[float, float]:
         """Return where the first pixel of `colours` lies, as depth counts pixels."""
@@ -150,13 +158,10 @@ def blur_within(image: npt.NDArray[np.float32], mask: npt.NDArray[np.float32], w
     A plain blur lets the table into the rim of every object, and registration then shrinks dark objects on light
     tables by pushing them away from the camera. Far from the mask everything is black.
     """
-    planes = [plane * mask for plane in cv2.split(image)]
-    stacked = cv2.merge([*planes, mask])
+    counted = masked(one_layout(image), one_layout(mask))
     for _ in range(2):
-        stacked = cv2.blur(stacked, (width, width))
-    *planes, total = cv2.split(stacked)
-    total = np.maximum(total, np.float32(0.05))
-    return cast("npt.NDArray[np.float32]", cv2.merge([plane / total for plane in planes]))
+        counted = cast("npt.NDArray[np.float32]", cv2.blur(counted, (width, width)))
+    return shared_out(counted, np.float32(0.05))
 
 
 def noise_slopes(image: npt.NDArray[np.uint8]) -> tuple[float, ...]:

@@ -11,7 +11,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from twin_diagram.assets import Asset
+from twin_diagram.perception.registration.cloud_kernels import SurfaceCloud
 from twin_diagram.perception.registration.nearest_points import NearestPoints
+from twin_diagram.perception.registration.point_kernels import PointTable
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import one_layout
@@ -91,9 +93,10 @@ class ModelCloud:
         return one_layout(np.hstack([self.points, self.normals, self.texture[:, None], *self.colours]))
 
     @cached_property
-    def seen(self) -> tuple[object, ...]:
-        """What `look_up` reads: the table, directions, what is seen from each, and how much of it."""
-        return self.table, one_layout(self.directions), one_layout(self.views), one_layout(self.view_counts)
+    def seen(self) -> PointTable:
+        """What `look_up` reads."""
+        views = one_layout(self.directions), one_layout(self.views), one_layout(self.view_counts)
+        return PointTable(self.table, *views)
 
     @cached_property
     def coloured(self) -> bool:
@@ -126,9 +129,9 @@ class ModelCloud:
         return NearestPoints.of(self.points, self.spacing)
 
     @cached_property
-    def cloud(self) -> tuple[object, ...]:
-        """What `cloud_kernels` read: points, normals, grid."""
-        return one_layout(self.points), one_layout(self.normals), self.nearest.grid
+    def cloud(self) -> SurfaceCloud:
+        """What `cloud_kernels` read."""
+        return SurfaceCloud(one_layout(self.points), one_layout(self.normals), self.nearest.grid)
 
     @staticmethod
     def of(asset: Asset, view_points: int) -> ModelCloud:

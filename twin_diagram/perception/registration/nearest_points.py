@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import distance_transform_cdt
 
-from twin_diagram.perception.registration.cloud_kernels import nearest
+from twin_diagram.perception.registration.cloud_kernels import PointGrid, nearest
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import one_layout
 
@@ -33,15 +32,9 @@ TUNING = Tuning()
 
 @dataclass(frozen=True)
 class NearestPoints:
-    """A cloud sorted into the cells of a grid.
+    """A cloud that can be searched for the nearest of its points."""
 
-    Attributes:
-        grid: points in the order of their cells (M, 3), their numbers (M,), where each cell begins in them
-            (nx, ny, nz + 1), how many shells about each are empty (nx, ny, nz), the first cell's corner (3,), a cell's
-            edge [m].
-    """
-
-    grid: tuple[Any, ...]
+    grid: PointGrid
 
     @staticmethod
     def of(points: Array, spacing: float) -> NearestPoints:
@@ -58,7 +51,7 @@ class NearestPoints:
         starts[..., 1:] = count.cumsum().reshape(shape)
         starts[..., 0] = starts[..., 1] - count.reshape(shape)[..., 0]
         empty = distance_transform_cdt(count.reshape(shape) == 0, metric="chessboard").astype(np.int16)
-        return NearestPoints((one_layout(points[order]), order.astype(np.int64), starts, empty, low, cell))
+        return NearestPoints(PointGrid(one_layout(points[order]), order.astype(np.int64), starts, empty, low, cell))
 
     def query(self, points: Array, reach: float) -> tuple[Array, npt.NDArray[np.int64]]:
         """Return the distance (N,) of points (N, 3) to the cloud, and the number (N,) of the nearest.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
@@ -235,18 +235,20 @@ class IcpPoseEstimator(LeafSystem):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
 
     @contextmanager
-    def looking_beside(self) -> Iterator[None]:
+    def looking_beside(self) -> Iterator[Callable[[], None]]:
         """Have images be taken in by a process of its own, where there is a latency, for as long as `with` lasts.
+
+        Yields what waits until the process has begun.
 
         Without it, and once an asset was added, that is done when it is due, with the same result to the bit.
         """
         if self._told is None or not self._late:
-            yield
+            yield lambda: None
             return
         with WorkBeside[ImageQuestion, ImageAnswer](self._look, "looks for objects") as beside:
             self._looking = beside
             try:
-                yield
+                yield beside.wait
             finally:
                 self._looking = None
 

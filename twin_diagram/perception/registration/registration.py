@@ -11,7 +11,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.assessment import judge, residual_excess
 from twin_diagram.perception.registration.claims import TUNING as CLAIMS
 from twin_diagram.perception.registration.claims import claim
-from twin_diagram.perception.registration.cloud_kernels import within
+from twin_diagram.perception.registration.cloud_kernels import PairRules, within
 from twin_diagram.perception.registration.colour_shift import ShiftEvidence
 from twin_diagram.perception.registration.data_association import TUNING as LOOKING
 from twin_diagram.perception.registration.data_association import Poses, look
@@ -19,9 +19,16 @@ from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming import Naming
 from twin_diagram.perception.registration.point_kernels import FINE
-from twin_diagram.perception.registration.refinement_kernels import refine_poses
+from twin_diagram.perception.registration.refinement_kernels import (
+    ImageTerms,
+    Rules,
+    StepBound,
+    StepCourse,
+    StepSizes,
+    refine_poses,
+)
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
-from twin_diagram.perception.registration.residuals import residual_constants
+from twin_diagram.perception.registration.residuals import term_rules
 from twin_diagram.perception.registration.silhouette import TUNING as SILHOUETTE
 from twin_diagram.perception.registration.silhouette import Silhouette
 from twin_diagram.perception.segmentation.segments import Segments
@@ -140,40 +147,43 @@ def refine(
     """
     R, p = np.array(start.R, dtype=float, order="C"), np.array(start.p, dtype=float, order="C")
     silhouette = Silhouette.of(model, frame, start)
-    inward = (silhouette or Silhouette.nowhere()).arrays
-    shift = frame.shift
-    picture = (
-        frame.images,
-        frame.view,
-        frame.colours,
-        frame.corner_of_colours(),
-        frame.colour_slopes,
-        np.zeros((2, 2)) if shift.certain else shift.information,
-        shift.certain,
-        inward,
-        silhouette is not None,
-    )
     explain = np.empty((0, 3)) if points_W is None else one_layout(points_W)
-    whole = one_layout(np.asarray(prior, dtype=float))
-    rules = _rules(model, frame, params, (iterations, TUNING.coarse_steps, coarse_only, right))
-    refine_poses(R, p, model.seen, model.cloud, picture, explain, whole, rules, min(count, model.views.shape[1]))
+    held = one_layout(np.asarray(prior, dtype=float))
+    course = StepCourse(iterations, TUNING.coarse_steps, coarse_only, right)
+    rules = _rules(model, frame, params, course)
+    used = min(count, model.views.shape[1])
+    refine_poses(R, p, model.seen, model.cloud, _image_terms(frame, silhouette), explain, held, rules, used)
     return Poses(R, p)
 
 
-def _rules(
-    model: ModelCloud, frame: Frame, params: scenario.Registration, steps: tuple[int, int, bool, bool]
-) -> tuple[object, ...]:
-    """Return the constants of all terms, as `refine_poses` takes them."""
-    noise = frame.camera.depth_noise
+def _image_terms(frame: Frame, silhouette: Silhouette | None) -> ImageTerms:
+    """Return what an image gives to refine poses by."""
+    shift = frame.shift
+    return ImageTerms(
+        images=frame.images,
+        camera=frame.view,
+        colours=frame.colours,
+        corner=frame.corner_of_colours(),
+        slopes=frame.colour_slopes,
+        shift_information=np.zeros((2, 2)) if shift.certain else shift.information,
+        shift_certain=shift.certain,
+        outline=(silhouette or Silhouette.nowhere()).cells,
+        any_outline=silhouette is not None,
+    )
+
+
+def _rules(model: ModelCloud, frame: Frame, params: scenario.Registration, course: StepCourse) -> Rules:
+    """Return the constants of all terms and of the steps."""
     t = TUNING
-    return (
-        LOOKING.limits,
-        (noise.floor, noise.growth, noise.start),
-        residual_constants(colour_weight(model, params)),
-        SILHOUETTE.cuts,
-        (t.point_to_point, 2.0 * RESIDUALS.model_noise, model.spacing),
-        (params.reach, t.narrow, t.least_gain, *t.small_step, *t.fine_from, *t.right, *t.largest_step),
-        steps,
+    bounds = StepBound(*t.small_step), StepBound(*t.fine_from), StepBound(*t.right), StepBound(*t.largest_step)
+    return Rules(
+        looking=LOOKING.limits,
+        noise=frame.noise,
+        terms=term_rules(colour_weight(model, params)),
+        outline=SILHOUETTE.cuts,
+        pairs=PairRules(t.point_to_point, 2.0 * RESIDUALS.model_noise, model.spacing),
+        sizes=StepSizes(params.reach, t.narrow, t.least_gain, *bounds),
+        course=course,
     )
 
 

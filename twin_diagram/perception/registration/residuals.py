@@ -20,13 +20,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.perception.registration.cloud_kernels import opposite
+from twin_diagram.perception.registration.cloud_kernels import PairRules, opposite
 from twin_diagram.perception.registration.colour_kernels import gains, sloped_colours
 from twin_diagram.perception.registration.colour_shift import ColourShift, ShiftEvidence
 from twin_diagram.perception.registration.data_association import Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.point_kernels import FINE, colour_normal, colour_weights
+from twin_diagram.perception.registration.point_kernels import FINE
+from twin_diagram.perception.registration.refinement_kernels import TermRules
+from twin_diagram.perception.registration.residual_kernels import ColourSums, colour_normal, colour_weights
 from twin_diagram.perception.registration.rotation import log, screw
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import one_layout
@@ -136,10 +138,10 @@ class ColourNormal:
         return ShiftEvidence(0.5 * (information + information.T), self.b_shift[0] - back.T @ (self.cross[0] @ held))
 
 
-def residual_constants(colour_share: float) -> tuple[float | Array, ...]:
-    """Return the constants of depth's and colours' terms as `refine_poses` takes them."""
+def term_rules(colour_share: float) -> TermRules:
+    """Return the constants of depth's and colours' terms, by the colours' share in both."""
     t = TUNING
-    return t.deepest, t.model_noise, colour_factor(colour_share), t.colour_cut, t.steeper, t.aside, _EVEN
+    return TermRules(t.deepest, t.model_noise, colour_factor(colour_share), t.colour_cut, t.steeper, t.aside, _EVEN)
 
 
 def colour_factor(share: float) -> float:
@@ -160,7 +162,7 @@ def colour_terms(looked: Looked, frame: Frame, level: int, reach: float, colour_
     cut = TUNING.colour_cut if level == FINE else 1.5 * TUNING.colour_cut
     cuts = (cut, TUNING.steeper, frame.colour_slopes[level])
     own = np.zeros((count, 6, 6)), np.zeros((count, 6))
-    sums = *own, np.zeros((count, 6, 2)), np.zeros((count, 2, 2)), np.zeros((count, 2))
+    sums = ColourSums(*own, np.zeros((count, 6, 2)), np.zeros((count, 2, 2)), np.zeros((count, 2)))
     colour_normal(told, found, weight, gain, frame.view, cuts, sums)
     factor = colour_factor(colour_share)
     return ColourNormal(*(factor * part for part in sums))
@@ -217,7 +219,8 @@ def opposite_pairs(
         (one_layout(poses.R[0]), one_layout(poses.p[0])),
         p_WC,
         model.cloud,
-        (reach, share, 2.0 * TUNING.model_noise, model.spacing),
+        reach,
+        PairRules(share, 2.0 * TUNING.model_noise, model.spacing),
         (J, w, n),
         (H, b),
     )

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.residual_kernels import OutlineCells, OutlineCuts
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,9 @@ class Tuning:
     """What sticks out farther than this is no matter of an edge [m]."""
 
     @property
-    def cuts(self) -> tuple[float, float, float, float]:
+    def cuts(self) -> OutlineCuts:
         """As `inward_normal` takes them."""
-        return self.behind, self.rim, self.farthest, self.deviation
+        return OutlineCuts(self.behind, self.rim, self.farthest, self.deviation)
 
 
 TUNING = Tuning()
@@ -96,7 +97,7 @@ class Silhouette:
         )
 
     @property
-    def arrays(self) -> tuple[object, ...]:
+    def cells(self) -> OutlineCells:
         """As `inward_normal` takes it."""
         row, column = self.corner
-        return row, column, self.away, self.nearest, self.target, self.stride
+        return OutlineCells(row, column, self.away, self.nearest, self.target, self.stride)

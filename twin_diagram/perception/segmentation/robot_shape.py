@@ -24,8 +24,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import ConvexHull
 
 from twin_diagram.model.description.add_arm import add_arm
+from twin_diagram.perception.segmentation.robot_kernels import within_spheres
 from twin_diagram.scenario import ArmModel
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -112,14 +114,9 @@ class RobotShape:
             R_WG[k] = R_WB @ part.R_BG
             p_WG[k] = R_WB @ part.p_BG + poses[part.body].translation()
         reach = np.array([part.radius + margin for part in self._parts])
-        squared = (
-            np.einsum("ni,ni->n", points_W, points_W)[:, None]
-            - 2.0 * points_W @ p_WG.T
-            + np.einsum("ki,ki->k", p_WG, p_WG)
-        )
-        close = squared < reach**2
+        close = within_spheres(one_layout(np.asarray(points_W, dtype=float)), p_WG, reach)
         for k, part in enumerate(self._parts):
-            index = np.flatnonzero(close[:, k] & ~result)
+            index = np.flatnonzero(close[k] & ~result)
             if index.size:
                 p_G = (points_W[index] - p_WG[k]) @ R_WG[k]
                 result[index[part.distance(p_G) < margin]] = True

@@ -108,6 +108,13 @@ class Gripper:
         """The z of the pads' rear edge [m]."""
         return self.pad_front - self.pad_length
 
+    def apart(self, travel: float) -> float:
+        """Return how far the pads are apart where the fingers have come a travel together from their closed end [m].
+
+        Pads need not touch there: those of a WSG-50 keep 5 mm.
+        """
+        return min(self.opening_least + travel, self.opening_most)
+
     def boxes(self, opening: float | None = None, retreat: float = 0.0) -> tuple[Array, Array]:
         """Return the lower and upper corners of the gripper's boxes in G, (b, 3) each [m]: tips, roots, palm.
 

@@ -2,11 +2,55 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array, Ints
 from twin_diagram.signals.compiled import compiled
+
+
+class BoundedRows(NamedTuple):
+    """What x is to keep to: low <= rows · x <= high.
+
+    Attributes:
+        rows: (R, m).
+        turned: (m, R) the same, so that loops over rows go along the memory.
+        length: (R,) of each row.
+        low: (R,) bounds from below.
+        high: (R,) from above.
+        broken: rows that are broken by more than this are taken in.
+        endless: bounds beyond ± this are none.
+    """
+
+    rows: Array
+    turned: Array
+    length: Array
+    low: Array
+    high: Array
+    broken: float
+    endless: float
+
+
+class ActiveRows(NamedTuple):
+    """The rows that hold x, the first so many of `which`: on which side, and at what price.
+
+    Attributes:
+        which: (k,) rows.
+        side: (k,) 1 at the lower bound, −1 at the upper one.
+        price: (k,) multipliers.
+        Q: (k, m) directions that span them.
+        R: (k, k) their triangle: rows are R-combinations of Q.
+        inside: (R,) whether a row is among them.
+    """
+
+    which: Ints
+    side: Array
+    price: Array
+    Q: Array
+    R: Array
+    inside: npt.NDArray[np.bool_]
 
 
 @compiled
@@ -36,11 +80,10 @@ def solve(
             length[r] += turned[j, r] * turned[j, r]
     length = np.sqrt(length)
     x = wish.copy()
-    # Active rows: which, on which side, with what multiplier; Q (k, m) spans them, R is their triangle.
+    bounds = BoundedRows(rows, turned, length, low, high, broken, endless)
     room = min(size, count) + 1
-    which, side, price = np.zeros(room, np.int64), np.zeros(room), np.zeros(room)
-    Q, R = np.zeros((room, size)), np.zeros((room, room))
-    inside = np.zeros(count, np.bool_)
+    line, square = np.zeros((room, size)), np.zeros((room, room))
+    held = ActiveRows(np.zeros(room, np.int64), np.zeros(room), np.zeros(room), line, square, np.zeros(count, np.bool_))
     active = 0
     for r in range(units):
         # These stand at right angles, so that all that are broken can be taken in at once.
@@ -50,41 +93,38 @@ def solve(
         sign = 1.0 if x[at] < low[r] else -1.0 if x[at] > high[r] else 0.0
         if sign != 0.0:
             bound = low[r] if sign > 0.0 else high[r]
-            which[active], side[active], price[active] = r, sign, abs(x[at] - bound)
-            Q[active, at], R[active, active] = sign, 1.0
-            x[at], inside[r] = bound, True
+            held.which[active], held.side[active], held.price[active] = r, sign, abs(x[at] - bound)
+            held.Q[active, at], held.R[active, active] = sign, 1.0
+            x[at], held.inside[r] = bound, True
             active += 1
     value = np.zeros(count)
     for j in range(size):
         for r in range(count):
             value[r] += turned[j, r] * x[j]
-    return _steps(
-        x, rows, turned, length, value, low, high, which, side, price, Q, R, inside, active, broken, endless, most
-    )
+    return _steps(x, value, bounds, held, active, most)
 
 
 @compiled
 def _steps(
-    x: Array, rows: Array, turned: Array, length: Array, value: Array, low: Array, high: Array,
-    which: Ints, side: Array, price: Array, Q: Array, R: Array, inside: npt.NDArray[np.bool_], active: int,
-    broken: float, endless: float, most: int,
-) -> tuple[Array, bool, int]:  # fmt: skip
-    """Take broken rows in until none is left."""
-    count, size = rows.shape
-    room = len(which)
+    x: Array, value: Array, bounds: BoundedRows, held: ActiveRows, active: int, most: int
+) -> tuple[Array, bool, int]:
+    """Take broken rows in until none is left; x (m,) and `value` (R,), rows · x, change in place."""
+    turned, price, Q, R = bounds.turned, held.price, held.Q, held.R
+    size, count = turned.shape
+    room = len(price)
     d, r_, z, change = np.zeros(room), np.zeros(room), np.zeros(size), np.zeros(count)
     steps = 0
     while True:
-        new, sign = _most_broken(value, low, high, length, inside, broken, endless)
+        new, sign = _most_broken(value, bounds, held.inside)
         if new < 0:
             # None that could be taken in; what is empty, or at odds with itself, may yet be broken.
-            return x, _keeps(value, low, high, 100.0 * broken, endless), steps
+            return x, _keeps(value, bounds, 100.0 * bounds.broken), steps
         cost = 0.0
         while True:
             steps += 1
             if steps > most:
                 return x, False, steps
-            _across(sign, rows[new], Q, active, d, z)
+            _across(sign, bounds.rows[new], Q, active, d, z)
             square = _dot(z, z)
             _backwards(R, d, active, r_)
             # How far until a multiplier vanishes, and until the row is kept.
@@ -93,8 +133,8 @@ def _steps(
                 if r_[k] > 0.0 and price[k] < until * r_[k]:
                     until, gone = price[k] / r_[k], k
             full = np.inf
-            if square > 1e-18 * length[new] * length[new]:
-                lack = low[new] - value[new] if sign > 0.0 else value[new] - high[new]
+            if square > 1e-18 * bounds.length[new] * bounds.length[new]:
+                lack = bounds.low[new] - value[new] if sign > 0.0 else value[new] - bounds.high[new]
                 full = max(lack, 0.0) / square
             step = min(until, full)
             if not step < np.inf:
@@ -119,18 +159,17 @@ def _steps(
                     Q[active, j] = z[j] / long
                 R[:active, active] = d[:active]
                 R[active, active] = long
-                which[active], side[active], price[active], inside[new] = new, sign, cost, True
+                held.which[active], held.side[active], price[active], held.inside[new] = new, sign, cost, True
                 active += 1
                 break
-            inside[which[gone]] = False
-            active = _drop(gone, active, which, side, price, Q, R)
+            held.inside[held.which[gone]] = False
+            active = _drop(gone, active, held)
 
 
 @compiled
-def _most_broken(
-    value: Array, low: Array, high: Array, length: Array, inside: npt.NDArray[np.bool_], broken: float, endless: float
-) -> tuple[int, float]:
+def _most_broken(value: Array, bounds: BoundedRows, inside: npt.NDArray[np.bool_]) -> tuple[int, float]:
     """Return the row outside the active ones that is broken by most of its length, and on which side; −1: none."""
+    low, high, length, broken, endless = bounds.low, bounds.high, bounds.length, bounds.broken, bounds.endless
     worst, new, sign = 0.0, -1, 0.0
     for r in range(len(value)):
         if inside[r] or length[r] == 0.0:
@@ -144,8 +183,9 @@ def _most_broken(
 
 
 @compiled
-def _keeps(value: Array, low: Array, high: Array, broken: float, endless: float) -> bool:
-    """Return whether no row is broken."""
+def _keeps(value: Array, bounds: BoundedRows, broken: float) -> bool:
+    """Return whether no row is broken by more than that."""
+    low, high, endless = bounds.low, bounds.high, bounds.endless
     for r in range(len(value)):
         if low[r] - value[r] > broken and low[r] > -endless:
             return False
@@ -179,8 +219,9 @@ def _backwards(R: Array, d: Array, active: int, r: Array) -> None:
 
 
 @compiled
-def _drop(gone: int, active: int, which: Ints, side: Array, price: Array, Q: Array, R: Array) -> int:
+def _drop(gone: int, active: int, held: ActiveRows) -> int:
     """Leave an active row out, by rotations that keep R a triangle; returns how many are left."""
+    which, side, price, Q, R = held.which, held.side, held.price, held.Q, held.R
     for k in range(gone, active - 1):
         which[k], side[k], price[k] = which[k + 1], side[k + 1], price[k + 1]
         for i in range(k + 2):

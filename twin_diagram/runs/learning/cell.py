@@ -20,6 +20,7 @@ from pydrake.systems.framework import Context
 from twin_diagram.errors import ScenarioError
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.perception.alignment import Alignment
+from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.planning.tasks.task_system import Fingers
 from twin_diagram.runtime import stopping
 from twin_diagram.scenario import Camera, Scenario
@@ -143,6 +144,7 @@ class Cell:
         self._plant = self._station.world.plant
         described = np.array([finger.default_positions()[0] for finger in arm.fingers])
         self._fingers = Fingers.of(self._plant, arm.arm.gripper_joint_indices, described)
+        self._gripper = gripper_of(scenario.twin.learning.gripper) if scenario.twin.learning else None
         hand = arm.fingers[0].frame_on_parent()
         self._carried = CarriedBodies(self._plant, hand, arm.joints, self._station.world.objects)
         self._simulator = Simulator(self._station)
@@ -184,8 +186,13 @@ class Cell:
 
     @property
     def opening(self) -> float:
-        """Distance between the pads, or what the fingers' travel says of it [m]."""
+        """How far the fingers have come together from their closed end, where pads need not touch [m]."""
         return self._fingers.opening(self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)])
+
+    @property
+    def apart(self) -> float:
+        """Distance between the pads [m]."""
+        return self.opening if self._gripper is None else self._gripper.apart(self.opening)
 
     @property
     def shut(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.planning.grasps import Grasps, Gripper
 from twin_diagram.runs.learning.display import TUNING as DISPLAY
@@ -15,7 +16,7 @@ from twin_diagram.runs.learning.display import Mask, tool_at
 from twin_diagram.runs.learning.following import TUNING as FOLLOWING
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.grasp_selection import Lacking, best_turns, by_axes, by_pair, cameras_about
-from twin_diagram.runs.learning.seen_map import Boxes, SeenMap, seen_map
+from twin_diagram.runs.learning.seen_map import SeenMap, seen_map
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -46,13 +47,29 @@ def posed_frames(followed: Followed) -> tuple[list[RgbdFrame], list[Mask]]:
     return frames, hands
 
 
+def hands_of(followed: Followed, openings: Sequence[float], gripper: Gripper) -> list[Boxes]:
+    """Return the boxes that the hand filled in each grasp, where it was in the middle one of its pictures.
+
+    Args:
+        followed: pictures and poses.
+        openings: between the pads in each grasp [m].
+        gripper: that held it.
+    """
+    found = []
+    for grasp, opening in enumerate(openings):
+        held = [X_ST for one, X_ST in zip(followed.shown, followed.X_ST, strict=True) if one.grasp == grasp]
+        if held:
+            found.append(Boxes(held[len(held) // 2], *gripper.boxes(opening)))
+    return found
+
+
 def map_of(followed: Followed, held: Sequence[Array], openings: Sequence[float], gripper: Gripper) -> SeenMap:
     """Return how well an object's surface was seen.
 
     Args:
         followed: pictures, poses, cloud.
         held: (4, 4) tool poses X_ST of the grasps.
-        openings: of the fingers in each [m].
+        openings: between the pads in each [m].
         gripper: that held it.
     """
     hands = [Boxes(X, *gripper.boxes(opening)) for X, opening in zip(held, openings, strict=True)]

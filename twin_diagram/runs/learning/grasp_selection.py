@@ -15,10 +15,11 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.planning.grasps import Grasps, Gripper
 from twin_diagram.runs.learning.motion import pose
 from twin_diagram.runs.learning.seen_map import TUNING as SEEN
-from twin_diagram.runs.learning.seen_map import Boxes, Flags, SeenMap, all_about, sights
+from twin_diagram.runs.learning.seen_map import Flags, SeenMap, all_about, sights
 from twin_diagram.signals.arrays import Array
 
 

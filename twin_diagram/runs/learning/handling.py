@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.estimation.weighing import Excitation
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.transforms_folder import write_transforms
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
@@ -25,7 +26,7 @@ from twin_diagram.runs.learning.bin_view import (
 )
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
-from twin_diagram.runs.learning.coverage import map_of, order_of, posed_frames, tilts_of
+from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
 from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
 from twin_diagram.runs.learning.in_the_way import in_the_way
@@ -34,7 +35,7 @@ from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, reach_of, take, unlike
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
-from twin_diagram.runs.learning.seen_map import Boxes, SeenMap
+from twin_diagram.runs.learning.seen_map import SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.steady_picture import steady_picture
 from twin_diagram.runs.learning.weighing import Slipping, slipped, swing_empty, swing_held, write_swung
@@ -117,7 +118,7 @@ class ShownObject:
     Attributes:
         followed: pictures, poses, cloud.
         X_ST: (4, 4) of the tool in S, of each grasp.
-        openings: of the fingers in each grasp [m].
+        openings: between the pads in each grasp [m].
         seen: how well its surface was seen; None: it was not shown yet.
         seen_shares: of its surface, after each grasp.
         R_WT: (3, 3) the tool's axes in which it stands as it lay in the bin, held as it is now.
@@ -197,12 +198,12 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     assert picked.taken is not None
     # S is the tool's frame in the first picture, and it has not been turned since it was taken.
     followed, R_WS = _followed(tools), picked.taken.X_WT[:3, :3]
-    result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.opening])
+    result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.apart])
     result.R_WT = R_WS @ followed.X_ST[-1][:3, :3]
     hold_seen(tools, result)
     if followed.slips and len((calm := _followed(tools)).slips) < len(followed.slips):
         # By now it hangs as it will stay; pictures from while it slid fit each other less well.
-        result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.opening], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])
+        result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.apart], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])
         hold_seen(tools, result)
     look_over(tools, result)
     return result
@@ -264,10 +265,10 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
         return False
     _, X_ST = found
     shown.X_ST.append(X_ST)
-    shown.openings.append(tools.cell.opening)
+    shown.openings.append(tools.cell.apart)
     shown.R_WT = R_WS_lying @ X_ST[:3, :3]
     hold_seen(tools, shown)
-    hand = Boxes(X_ST, *tools.gripper.boxes(tools.cell.opening))
+    hand = Boxes(X_ST, *tools.gripper.boxes(tools.cell.apart))
     number, tilts = len(shown.X_ST) - 1, tilts_of(shown.seen, hand, tools.learning, p_WC)
     pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts)
     before = shown.followed
@@ -394,6 +395,6 @@ def let_go(tools: Tools) -> PutDown | None:
     return fell
 
 
-def write_frames(folder: Path, shown: ShownObject) -> None:
-    """Write the pictures with poses in S and masks of object and hand, as reconstruction backends read them."""
-    write_transforms(folder, *posed_frames(shown.followed))
+def write_frames(folder: Path, shown: ShownObject, gripper: Gripper) -> None:
+    """Write the pictures with poses in S, masks, and where the hand was, as reconstruction backends read them."""
+    write_transforms(folder, *posed_frames(shown.followed), hands_of(shown.followed, shown.openings, gripper))

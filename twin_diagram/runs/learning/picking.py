@@ -65,7 +65,7 @@ class Taken:
 
     Attributes:
         X_WT: (4, 4) of the tool when the fingers shut: what was at points of W is in its frame since then.
-        opening: between the fingers [m].
+        opening: between the pads [m].
         grasp: which of the grasps it was.
     """
 
@@ -143,18 +143,16 @@ def _taken(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
     go(cell, mover.timed_line(reach.line, TUNING.slow * 2.0))
     cell.wait(TUNING.settle)
     X_WT = mover.tool(cell.q)
-    opening = cell.grip(0.0)
-    if opening < TUNING.empty:
+    if cell.grip(0.0) < TUNING.empty:
         back_out(mover, cell, reach)
         return None
     if not lift(mover, cell):
         back_out(mover, cell, reach)
         return None
-    opening = cell.opening
-    if opening < TUNING.empty:
+    if cell.opening < TUNING.empty:
         cell.grip(1.0)
         return None
-    return Taken(X_WT, opening, reach.grasp)
+    return Taken(X_WT, cell.apart, reach.grasp)
 
 
 def lift(mover: Mover, cell: Cell) -> bool:

@@ -189,7 +189,7 @@ class Learner:
                 one.R_WS = (shown.R_WT @ shown.X_ST[-1][:3, :3].T).tolist()
                 told.update(seen_so_far(shown))
             self._show_again(name, shown)
-            handling.write_frames(folder / FRAMES, shown)
+            handling.write_frames(folder / FRAMES, shown, self.tools.gripper)
             self._jobs.add(name, folder)
             opening = self.tools.cell.opening
             if self.tools.learning.weigh_seconds > 0.0:
@@ -212,7 +212,7 @@ class Learner:
             if not one.standing:
                 self._seek(one)
         if shown.followed.shown and not (folder / FRAMES).is_dir():
-            handling.write_frames(folder / FRAMES, shown)
+            handling.write_frames(folder / FRAMES, shown, self.tools.gripper)
             self._jobs.add(name, folder)
         elif not shown.followed.shown:
             one.state = "failed"

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.signals.arrays import Array
 
@@ -128,21 +129,6 @@ class SeenMap:
         """Share of the surface seen, of what some pose would show."""
         whole = float(self.area[self.reachable | self.seen].sum())
         return float(self.area[self.seen].sum()) / whole if whole > 0.0 else 0.0
-
-
-@dataclass(frozen=True)
-class Boxes:
-    """Boxes of a hand in one of its grasps: X_ST (4, 4) of its frame in S, lowest and highest corners (b, 3) in T."""
-
-    X_ST: Array
-    low: Array
-    high: Array
-
-    def hold(self, points: Array) -> Flags:
-        """Return which points (N, 3) in S are within one of them."""
-        p = (points - self.X_ST[:3, 3]) @ self.X_ST[:3, :3]
-        within: Flags = np.asarray(((p[:, None] >= self.low) & (p[:, None] <= self.high)).all(axis=2))
-        return np.asarray(within.any(axis=1))
 
 
 def seen_map(points: Array, normals: Array, frames: Sequence[RgbdFrame], hands: Sequence[Boxes] = ()) -> SeenMap:

@@ -152,7 +152,7 @@ def grip_on(points_T: Array, opening: float, force: float) -> Grip:
 
     Args:
         points_T: (N, 3) of the object's surface in the tool's frame [m].
-        opening: between the fingers [m].
+        opening: between the pads [m].
         force: with which each presses [N].
     """
     x, z = points_T[:, 0], points_T[:, 2]
@@ -200,7 +200,7 @@ def best_motion(
     X_TO = X_TS.copy()
     X_TO[:3, 3] = X_TS[:3, :3] @ (0.5 * (low + high)) + X_TS[:3, 3]
     limits = MotionLimits.of(model, acceleration=TUNING.acceleration * np.asarray(model.velocity_limit))
-    grip = grip_on(points_S @ X_TS[:3, :3].T + X_TS[:3, 3], cell.opening, cell.force)
+    grip = grip_on(points_S @ X_TS[:3, :3].T + X_TS[:3, 3], cell.apart, cell.force)
     return optimise_excitation(
         model,
         RigidTransform(X_TO),

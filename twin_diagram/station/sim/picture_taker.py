@@ -76,6 +76,11 @@ class PictureTaker:
         """Return colours (H, W, 4) and depth (H', W') of a frame; see `colour` and `depth`."""
         return self.colour(exposure), self.depth(exposure)
 
+    def warm_up(self) -> None:
+        """Take a picture for nothing: the world's appearance is built then, and compiled loops are loaded."""
+        state = self._renderer.any_state()
+        self.answer(Exposure(0, state.tobytes(), state.tobytes()))
+
     def colour(self, exposure: Exposure) -> Colour:
         """Return the colours (H, W, 4) of a frame.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from pydrake.common.value import Value
@@ -60,15 +60,17 @@ class RealCamera(LeafSystem):
         self.DeclareVectorOutputPort("image_time", 1, self._calc_time, {self._time.ticket()})
 
     @contextmanager
-    def taken_beside(self) -> Iterator[None]:
+    def taken_beside(self) -> Iterator[Callable[[], None]]:
         """Have pictures be taken in a process of their own, from when they are captured, for as long as `with` lasts.
+
+        Yields what waits until the process has begun.
 
         Without it they are taken when somebody looks at them, with the same result to the bit.
         """
         with WorkBeside[Exposure, tuple[Colour, Depth]](self._taker, "takes the camera's pictures") as beside:
             self._beside = beside
             try:
-                yield
+                yield beside.wait
             finally:
                 self._beside = None
 

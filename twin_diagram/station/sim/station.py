@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
@@ -123,17 +123,17 @@ class SimStation(Diagram):
         ports.check(self, n, g, tuple(cameras), further)
 
     @contextmanager
-    def pictures_beside(self) -> Iterator[None]:
+    def pictures_beside(self) -> Iterator[list[Callable[[], None]]]:
         """Have cameras take their pictures in processes of their own for as long as the `with` statement lasts.
+
+        Yields what waits until each has begun.
 
         Without it they are taken when somebody looks at them, with the same result to the bit; an ideal camera's always
         are.
         """
         with ExitStack() as stack:
-            for camera in self._cameras.values():
-                if isinstance(camera, RealCamera):
-                    stack.enter_context(camera.taken_beside())
-            yield
+            cameras = [camera for camera in self._cameras.values() if isinstance(camera, RealCamera)]
+            yield [stack.enter_context(camera.taken_beside()) for camera in cameras]
 
 
 def _torque(builder: DiagramBuilder, scenario: Scenario, world: WorldPlant, motors: Motors) -> OutputPort:

@@ -21,6 +21,7 @@ from twin_diagram.scenario import Scenario, WorldObject
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.station.add_models import add_model, transform, weld_roots
 from twin_diagram.station.sim.arm_plant import ArmPlant, add_arm
+from twin_diagram.station.sim.floors import bound_floors
 from twin_diagram.station.sim.grip_contact import make_gripping, rub, touch_by_surfaces
 from twin_diagram.station.sim.merged_shapes import merge_shapes
 from twin_diagram.station.sim.movers import Path, add_carriage
@@ -29,6 +30,9 @@ from twin_diagram.station.sim.movers import Path, add_carriage
 @dataclass(frozen=True)
 class Tuning:
     """Constants of this module, with their units and what set them."""
+
+    least_step: float = 1e-6
+    """Of the simulation [s]: below it a second takes hours, and nothing gets better."""
 
     load: float = 0.01
     """Radius of a load that is hidden in an object [m]: a lump of lead of 50 g."""
@@ -85,6 +89,8 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
     """
     if not scenario.world.time_step > 0:
         raise ScenarioError("world.time_step", f"{scenario.world.time_step} is not positive")
+    if not scenario.world.time_step >= TUNING.least_step:
+        raise ScenarioError("world.time_step", f"{scenario.world.time_step} s is less than {TUNING.least_step:g} s")
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, scenario.world.time_step)
     world = _populate(plant, scene_graph, scenario)
     objects = [plant.get_body(index) for index in world.objects.values()]
@@ -143,6 +149,7 @@ def _populate(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario
         assert carriages is not None
         add_carriage(plant, carriages, name, path, bodies[name], world.objects[name].push)
     make_gripping(plant, arm.fingers)
+    bound_floors(plant, scene_graph)
     plant.Finalize()
     # What is moved on a carriage needs no table to stand on, and the arm's base stands in it.
     standing = [plant.get_body(arm.arm.base), *(bodies[name] for name in paths)]

@@ -113,6 +113,12 @@ class WorldRenderer:
         self.position_count = int(self._plant.num_positions())
         """nq of the world's plant."""
 
+    def any_state(self) -> Array:
+        """Return a state (nq + nv) of the world's plant in which everything moves."""
+        plant = self._plant
+        positions = plant.GetPositions(plant.CreateDefaultContext())
+        return np.concatenate([positions, np.ones(plant.num_velocities())])
+
     def rates(self, state: Array) -> Array:
         """Return how fast positions change (nq) in a state (nq + nv) of the world's plant."""
         nq = self.position_count

@@ -1,0 +1,47 @@
+"""What no arm can have is refused in one line, by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from twin_diagram.errors import ModelError
+from twin_diagram.model import Model
+
+URDF = """<robot name="it"><link name="base"/><link name="upper">
+<inertial><mass value="{mass}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="{lower}" upper="1" effort="9" velocity="2"/></joint></robot>"""
+
+SDF = """<sdf version="1.7"><model name="it"><link name="base"/><link name="upper"><inertial><mass>{mass}</mass>
+<inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia></inertial></link><joint name="shoulder" type="revolute">
+<parent>base</parent><child>upper</child><axis><xyz>0 1 0</xyz><limit><lower>{lower}</lower><upper>1</upper></limit>
+</axis></joint></model></sdf>"""
+
+MJCF = """<mujoco model="it"><compiler angle="radian"/><worldbody><body name="upper">
+<joint name="shoulder" axis="0 1 0" limited="true" range="{lower} 1"/>
+<inertial pos="0 0 0" mass="{mass}" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
+
+KINDS = [("it.urdf", URDF), ("it.sdf", SDF), ("it.xml", MJCF)]
+
+
+@pytest.mark.parametrize(("name", "text"), KINDS)
+@pytest.mark.parametrize(
+    ("mass", "lower", "words"), [("-1", "-1", ["'upper'", "-1 kg"]), ("1", "2.5", ["'shoulder'", "2.5", "upper one 1"])]
+)
+def test_negative_masses_and_turned_limits(
+    tmp_path: Path, name: str, text: str, mass: str, lower: str, words: list[str]
+) -> None:
+    path = tmp_path / name
+    path.write_text(text.format(mass=mass, lower=lower))
+    with pytest.raises(ModelError) as refused:
+        Model.load(path)
+    assert all(word in str(refused.value) for word in [name, *words]), refused.value
+
+
+@pytest.mark.parametrize(("name", "text"), KINDS)
+def test_what_can_be_is_left_alone(tmp_path: Path, name: str, text: str) -> None:
+    path = tmp_path / name
+    path.write_text(text.format(mass="1", lower="-1"))
+    assert Model.load(path).joints == ("shoulder",)

@@ -1,0 +1,33 @@
+"""What Drake's parsers warn of is one line, and all of it for who asks."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from twin_diagram.model import Model
+
+ODD = """<mujoco model="it"><statistic extent="1"/><visual/><worldbody><body name="upper">
+<joint name="shoulder" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><site name="tip"/>
+</body></worldbody><sensor/><keyframe/></mujoco>"""
+
+
+@pytest.mark.parametrize("every", [False, True])
+def test_it_is_said_once_in_one_line_or_all_of_it(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, every: bool
+) -> None:
+    path = tmp_path / "it.xml"
+    path.write_text(ODD)
+    with caplog.at_level(logging.DEBUG if every else logging.WARNING, logger="twin_diagram"):
+        Model.load(path)
+        Model.load(path)
+    own = [record.getMessage() for record in caplog.records if record.name == "twin_diagram"]
+    drake = [record for record in caplog.records if record.name == "drake" and "site" in record.getMessage()]
+    if every:
+        assert not own and drake
+    else:
+        (line,) = own
+        assert not drake and str(path) in line and "\n" not in line
+        assert "warnings more" in line and "--verbose" in line and len(line) < len(str(path)) + 260

@@ -1,0 +1,46 @@
+"""Tells in one line what Drake's parsers warn of: of descriptions by other makers that is up to two hundred lines."""
+
+from __future__ import annotations
+
+import logging
+import re
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_PLACE = re.compile(r"^.*?:\d+: warning: ")
+"""The file and its line, before what is said of them."""
+
+_told: set[Path] = set()
+"""Files of which it was said: a description is read for each plant that it goes into."""
+
+
+@contextmanager
+def in_one_line(path: Path) -> Iterator[None]:
+    """Gather the warnings of what is parsed within; all of them are said where `twin_diagram` logs what is to debug.
+
+    Args:
+        path: of the description.
+    """
+    drake, own = logging.getLogger("drake"), logging.getLogger("twin_diagram")
+    heard: list[str] = []
+
+    def gather(record: logging.LogRecord) -> bool:
+        if own.isEnabledFor(logging.DEBUG):
+            return True
+        if record.levelno == logging.WARNING:
+            heard.append(_PLACE.sub("", record.getMessage(), count=1))
+        return record.levelno > logging.WARNING
+
+    kept = list(drake.filters)
+    drake.addFilter(gather)  # after those that are there: what they leave out is not counted
+    try:
+        yield
+    finally:
+        drake.filters[:] = kept
+    if heard and path not in _told:
+        _told.add(path)
+        first = textwrap.shorten(heard[0].rstrip("."), 160, placeholder=" …")
+        others = f", and {len(heard) - 1} warnings more" if len(heard) > 1 else ""
+        own.warning("%s: Drake: %s%s (twin-diagram --verbose tells all)", path, first, others)

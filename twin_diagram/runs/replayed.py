@@ -1,0 +1,66 @@
+"""The scenario of a replay: of a recording, or of a bare log with a model of its arm.
+
+Cheap to import, so that a log that is not there is told at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin_diagram import scenario as schema
+from twin_diagram.errors import TwinError
+from twin_diagram.logs import read_log
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.file import load_scenario, override_scenario
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    shortest: float = 1e-3
+    """Run of a recording that was killed at its first message [s]: a scenario lasts for some time."""
+
+
+TUNING = Tuning()
+
+
+def replay_scenario(
+    log: str | Path, model: str | None = None, overrides: Iterable[str] = (), columns: str | Path | None = None
+) -> Scenario:
+    """Return the scenario that replays a recording, or a bare log with a model of its arm."""
+    log = Path(log)
+    if not log.exists():
+        raise TwinError(f"{log}: no such recording or log")
+    from twin_diagram.station.replay.reading import recorded_until
+    from twin_diagram.station.replay.recording_folder import SCENARIO_FILE, place_of
+
+    overrides = list(overrides)
+    if log.is_dir():
+        if model is not None:
+            raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
+        if columns is not None:
+            raise TwinError(f"--columns goes with a bare log; {log} is a recording and names its own")
+        place = place_of(log)
+        if not (place / SCENARIO_FILE).is_file():
+            raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
+        scenario = load_scenario(place / SCENARIO_FILE)
+        if place != log:  # its run was killed
+            scenario.duration = min(scenario.duration, max(recorded_until(place), TUNING.shortest))
+        scenario = override_scenario(scenario, overrides)
+    else:
+        if model is None:
+            raise TwinError(f"{log}: a bare log needs --model, the arm's description")
+        arm = schema.ArmModel(model=str(model), tool_frame="")
+        measured = read_log(log, columns)
+        driver = schema.Driver(rate=1.0 / measured.period)
+        twin = schema.Twin(arm=arm, camera=None, driver=driver)
+        scenario = schema.Scenario(twin=twin, duration=float(measured.time[-1] - measured.time[0]))
+        if columns is not None:
+            scenario.replay.columns = str(Path(columns).resolve() if Path(columns).exists() else columns)
+        scenario = override_scenario(scenario, overrides)
+    scenario.station = "replay"
+    scenario.replay.log = str(log.resolve())
+    return scenario
