@@ -315,6 +315,9 @@ def _init(arguments: argparse.Namespace) -> int:
 
     found = write_first_scenario(arguments.arm, arguments.out, _packages(arguments))
     print(f"{arguments.out}: {len(found.joints)} joints ({', '.join(found.joints)}), tool frame {found.frames[0]}")
+    if found.loose:
+        said = f"{', '.join(found.loose)}: without a motor in {arguments.arm}, so they hang loose"
+        print(f"note: {said}; twin.arm.joints names all that are driven", file=sys.stderr)
     print(f"run it: twin-diagram run {arguments.out} --out out/first")
     return 0
 

@@ -151,3 +151,21 @@ def test_what_cannot_be_is_refused_and_nothing_written(arm: str, out: str, said:
     with pytest.raises(TwinError, match=said):
         write_first_scenario(tmp_path / arm, tmp_path / out)
     assert [path.name for path in tmp_path.iterdir()] == ["two.urdf"]
+
+
+def test_joints_that_the_description_leaves_without_a_motor_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inertial = '<inertial><origin xyz="0 0 0.2"/><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" '
+    inertial += 'ixy="0" ixz="0" iyz="0"/></inertial>'
+    text = '<robot name="it"><link name="base"/>'
+    for name, parent, child in (("shoulder", "base", "upper"), ("elbow", "upper", "lower")):
+        text += f'<link name="{child}">{inertial}</link><joint name="{name}" type="revolute"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/><origin xyz="0 0 0.4"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" '
+        text += 'effort="50" velocity="2"/></joint>'
+    motor = '<transmission name="t"><type>SimpleTransmission</type><joint name="shoulder"/><actuator name="m"/>'
+    for name, driven in (("one.urdf", motor + "</transmission>"), ("all.urdf", "")):
+        (tmp_path / name).write_text(f"{text}{driven}</robot>")
+        assert cli.main(["init", "--arm", str(tmp_path / name), "--out", str(tmp_path / f"{name}.yaml")]) == 0
+        said = capsys.readouterr().err
+        assert ("elbow: without a motor" in said and "twin.arm.joints" in said) == (name == "one.urdf")

@@ -16,9 +16,7 @@ def test_slots_are_read_as_one_by_one() -> None:
         Thing(3, ObjectStatus.TRACKED, 0.5, 1.5, np.arange(3.0), (cube, 2.0 * cube[:5]), np.ones(3), 0.1, -np.ones(3)),
         Thing(),
     ]
-    row = np.concatenate(
-        [*(thing.pack() for thing in things), np.zeros(THING_SIZE)]
-    )  # of the last nothing was told
+    row = np.concatenate([*(thing.pack() for thing in things), np.zeros(THING_SIZE)])  # of the last nothing was told
     for found, part in zip(things_of(row), row.reshape(-1, THING_SIZE), strict=True):
         alone = Thing.unpack(part)
         assert (found.identity, found.status, found.first_seen, found.last_seen) == (

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint
+from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint
 
 from twin_diagram import scenario
 from twin_diagram.errors import TwinError
+from twin_diagram.model.description import unparsed
 from twin_diagram.model.description.add_arm import Arm, add_arm
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Forecast, load_scene
@@ -52,6 +53,7 @@ class Brought:
         frames: of its last link and beyond, the last link's own first: candidates for the tool.
         home: (n,) within the limits; clear of the table where `stands`.
         stands: whether a pose was found that is clear of the table.
+        loose: names of further joints, which have no motor by the description and follow no other joint.
     """
 
     joints: tuple[str, ...]
@@ -60,6 +62,7 @@ class Brought:
     frames: tuple[str, ...]
     home: Array
     stands: bool
+    loose: tuple[str, ...] = ()
 
 
 def write_first_scenario(arm: str | Path, out: str | Path, packages: Mapping[str, str | Path] | None = None) -> Brought:
@@ -106,7 +109,10 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None) -
     lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
     upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])
     home, stands = _home(spec, lower, upper, packages)
-    return Brought(added.joints, lower, upper, frames, home, stands)
+    held = {*added.joints, *added.gripper_joints, *unparsed.mimicking(Path(added.spec.model))}
+    movable = [j.name() for j in _joints(plant, added) if isinstance(j, (RevoluteJoint, PrismaticJoint))]
+    loose = tuple(name for name in movable if name not in held)
+    return Brought(added.joints, lower, upper, frames, home, stands, loose)
 
 
 def _joints(plant: MultibodyPlant, arm: Arm) -> list[Joint]:

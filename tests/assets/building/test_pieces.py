@@ -60,6 +60,27 @@ def test_a_thin_dish_is_hollow_and_a_closed_one_is_not(closed: bool) -> None:
         assert (np.min([depth(piece, points) for piece in found.vertices], axis=0) < 1e-3).all()
 
 
+def ring_of_long_thin_triangles() -> trimesh.Trimesh:
+    return trimesh.creation.annulus(r_min=0.06, r_max=0.08, height=0.1, sections=100)
+
+
+def test_one_point_a_place_is_left_of_long_thin_triangles() -> None:
+    points = spread(np.asarray(ring_of_long_thin_triangles().triangles), 0.0032)
+    few = pieces.thinned(points, 0.0016)
+    assert len(few) < len(points) / 10 and not np.setdiff1d(few.view("f8,f8,f8"), points.view("f8,f8,f8")).size
+    assert len(np.unique(np.floor((few - points.min(axis=0)) / 0.0016), axis=0)) == len(few)
+
+
+@pytest.mark.long
+def test_long_thin_triangles_are_held_as_others_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = ring_of_long_thin_triangles()
+    monkeypatch.setattr(pieces, "TUNING", replace(pieces.TUNING, many=1000))
+    made = of(mesh, float(mesh.volume))
+    points = spread(np.asarray(mesh.triangles), 0.0032)
+    assert np.min([depth(piece, points) for piece in made.vertices], axis=0).max() < 2e-4
+    assert sum(ConvexHull(piece).volume for piece in made.vertices) < 1.3 * mesh.volume
+
+
 def test_a_corner_is_taken_apart() -> None:
     mesh = corner()
     made = of(mesh, float(mesh.volume))

@@ -69,6 +69,23 @@ def test_grasps_touch_nothing_but_with_their_pads_which_meet_the_surface_squarel
         assert width == pytest.approx(found.width[k], abs=0.003)
 
 
+@pytest.mark.parametrize("gripper", [PANDA_HAND, WSG50], ids=lambda one: one.name)
+@pytest.mark.parametrize("edge", [0.006, 0.015])
+@pytest.mark.parametrize("on_table", [False, True])
+def test_what_is_shorter_than_the_fingers_is_held_by_the_pads(gripper: Gripper, edge: float, on_table: bool) -> None:
+    """Pushed on until the palm is before it, the pads had gone past it, and there was nothing between them."""
+    triangles = box_triangles(edge, edge, edge)
+    table = np.array([0.0, 0.0, 1.0, -edge / 2]) if on_table else None
+    found = grasps_of_mesh(triangles, gripper, count=3, table=table)
+    assert len(found) == 3
+    points = dense_points(triangles, 0.001)
+    for R, pose in zip(found.R, found.poses, strict=True):
+        assert not collides(triangles, points, gripper, R, pose[4:], retreat=0.10)
+        _, square, share = pad_contacts(triangles, gripper, R, pose[4:])
+        assert (share > 0).all() and (square > 0.85).all()
+    assert found.width.min() >= edge - 1e-3 and found.width.max() <= np.sqrt(2) * edge + 1e-3
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_box_is_held_across_a_side_that_fits(seed: int) -> None:
     found = grasps_of_mesh(BOX, PANDA_HAND, seed)

@@ -27,6 +27,9 @@ class Tuning:
     patch: float = 0.002
     """How deep a pad gives way: points that much behind the first one touch it, too. Pads are 6 mm of rubber."""
 
+    held: float = 0.25
+    """Share of the pads' length that an object shorter than the fingers is to have between them, or it is gone past."""
+
     hidden_room: float = 0.010
     """Room that a finger needs beyond the last seen point of a side that faces away from the camera."""
 
@@ -96,6 +99,26 @@ def finger_stop(slab: Slab, gripper: Gripper, margin: float, offset: Array, othe
         root &= x <= gripper.root_width / 2 + margin
         stop = np.minimum(stop, slab.least(np.where(root, slab.q[2], np.inf)) - gripper.root_front)
     return stop - TUNING.gap
+
+
+def drawn_back(slab: Slab, gripper: Gripper, offset: Array, depth: Array, other: Flags) -> Array:
+    """Return depths (K,) [m] at which the pads have not gone past an object that is shorter than the fingers.
+
+    Where they have, the pads' middle comes to the object's far end.
+
+    Args:
+        slab: points near the closing plane, of the whole object.
+        gripper: with its pads.
+        offset: (K,) along y [m].
+        depth: (K,) along z [m].
+        other: (M,) entries that are not of the object.
+    """
+    between = ~other & (np.abs(slab.q[0]) <= gripper.pad_width / 2)
+    between &= np.abs(slab.q[1] - offset[slab.pose]) <= gripper.opening_most / 2
+    far = slab.most(np.where(between, slab.q[2], -np.inf))
+    least = gripper.pad_back + TUNING.held * (gripper.pad_front - gripper.pad_back)
+    passed = np.isfinite(far) & (far < depth + least)
+    return np.where(passed, far - (gripper.pad_back + gripper.pad_front) / 2, depth)
 
 
 def heights(gripper: Gripper, R: Array, p: Array, table: Array) -> Array:

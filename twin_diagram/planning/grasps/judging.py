@@ -15,6 +15,7 @@ from twin_diagram.planning.grasps.closing import (
 from twin_diagram.planning.grasps.closing import (
     Closing,
     close,
+    drawn_back,
     finger_stop,
     heights,
     palm_stop,
@@ -156,6 +157,10 @@ def settle(
         code[np.isposinf(depth)] = _CODE["nothing between the fingers"]
         code[np.isneginf(depth)] = _CODE["into the table"]
         depth = np.where(np.isfinite(depth), depth, 0.0)
+        if target.viewpoint is None:  # else its far end is not seen
+            back = drawn_back(slab, gripper, offset, depth, other)
+            rising = np.zeros(len(R)) if others.table is None else R[:, :, 2] @ others.table[:3]
+            depth = np.where(rising > 1e-9, depth, back)  # drawn back from below, it would be in the table
     else:  # may be in touch already: the gap is for poses that are found here
         code[over < depth - CLOSING.gap] = _CODE["into the table"]
         code[stop < depth - CLOSING.gap] = _CODE["in collision"]
