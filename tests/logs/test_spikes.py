@@ -28,12 +28,12 @@ def test_what_an_arm_does_stays() -> None:
 def test_garbled_samples_are_what_their_neighbours_say() -> None:
     log = swung(0.5)
     position, torque = log.position.copy(), log.motor_torque.copy()
-    position[700, 0], torque[1500, 1], torque[2500, 1] = -3.0, 900.0, -900.0
+    position[700, 0], position[900, 0], torque[1500, 1], torque[2500, 1] = -3.0, position[899, 0] + 0.05, 900.0, -900.0
     found, said = unspiked(Log(log.time, log.joints, position, log.velocity, torque))
     np.testing.assert_allclose(found.position, log.position, atol=2e-4)
     np.testing.assert_allclose(found.motor_torque, log.motor_torque, atol=4.0)
     assert [warning.message for warning in said] == [
-        "log: 1 sample(s) of position_measured of a leap away and back; they are taken as lost",
+        "log: 2 sample(s) of position_measured of a leap away and back; they are taken as lost",
         "log: 2 sample(s) of torque_measured of b leap away and back; they are taken as lost",
     ]
     assert fingerprint(found) == fingerprint(Log(log.time, log.joints, position, log.velocity, torque))

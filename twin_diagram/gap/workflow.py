@@ -336,14 +336,17 @@ def _stretches(
         shortest: that a stretch must have left after its ends are cut [s].
         more: what is done with them.
     """
-    log, garbled = unspiked(log)
-    warnings += garbled
     parts = parted(straightened(log), shortest + 2.0 * DIFFERENTIATION.residual_cut)
     if len(parts) > 1 or len(parts[0]) < len(log):
-        spans = ", ".join(f"{part.time[0]:.6g} to {part.time[-1]:.6g} s" for part in parts)
+        spans = ", ".join(f"{part.time[0]:.3f} to {part.time[-1]:.3f} s" for part in parts)
         message = f"{log.source}: what lies between longer gaps is taken as logs of their own: {spans}{more}"
         warnings.append(LogWarning("parted", message))
-    return [eased(part) for part in parts]
+    result = []
+    for part in parts:  # beside a gap, what an arm does looks like a leap
+        whole, garbled = unspiked(part)
+        warnings += garbled
+        result.append(eased(whole))
+    return result
 
 
 def _experiments(

@@ -19,13 +19,13 @@ class Tuning:
     """Constants of this module, chosen by hand: no arm does that from one sample to the next."""
 
     usual: float = 0.99
-    """Share of a signal's steps that say how large its steps are as a rule."""
+    """Share of a signal's samples that say how far one is from the middle of its neighbours as a rule."""
 
     beyond: float = 20.0
     """Times that, by which a sample leaps away and back."""
 
-    share: float = 0.1
-    """The same over what the signal does at all, from its lowest to its highest hundredth."""
+    share: float = 0.002
+    """The same over what the signal does at all, from its lowest to its highest hundredth: an encoder at rest flips."""
 
     most: float = 0.005
     """Share of a signal's samples that may be such: more are what it does."""
@@ -57,12 +57,18 @@ def unspiked(log: Log) -> tuple[Log, list[LogWarning]]:
 
 
 def spikes(values: Array) -> npt.NDArray[np.bool_]:
-    """Return (N, n) which samples of signals (N, n) leap away from both neighbours, farther than anything else does."""
+    """Return (N, n) which samples of signals (N, n) leap away from both neighbours, farther than anything else does.
+
+    Where dry friction turns, a torque is off the middle of its neighbours, too, but does not come back.
+    """
     steps = np.diff(values, axis=0)
-    low, high = np.quantile(values, (1.0 - TUNING.usual, TUNING.usual), axis=0)
-    far = np.maximum(TUNING.beyond * np.quantile(np.abs(steps), TUNING.usual, axis=0), TUNING.share * (high - low))
     before, after = steps[:-1], steps[1:]
+    off = np.abs(0.5 * (before - after))
+    low, high = np.quantile(values, (1.0 - TUNING.usual, TUNING.usual), axis=0)
+    far = np.maximum(TUNING.beyond * np.quantile(off, TUNING.usual, axis=0), TUNING.share * (high - low))
     leaps = (before * after < 0.0) & (np.minimum(np.abs(before), np.abs(after)) > far)
+    beside = np.pad(off, ((1, 1), (0, 0)))
+    leaps &= (off >= beside[:-2]) & (off >= beside[2:])  # its neighbours are off theirs because of it
     leaps &= np.mean(leaps, axis=0) <= TUNING.most
     return np.concatenate([np.zeros_like(leaps[:1]), leaps, np.zeros_like(leaps[:1])])
 

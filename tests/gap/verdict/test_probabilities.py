@@ -131,7 +131,7 @@ def test_doubt_takes_from_all_alike_and_goes_to_what_has_no_name(parts: list[flo
 
 @given(parts=shares)
 def test_the_file_never_holds_more_than_one(parts: list[float]) -> None:
-    effect = gap_json._effect(made(parts), several=False)
+    effect = gap_json._effect(made(parts), files=[0])
     total = effect["confidence"] + sum(other["probability"] for other in effect["alternatives"])
     assert total <= 1.0 + 1e-15
     assert effect["confidence"] == pytest.approx(made(parts).confidence, abs=1e-8)

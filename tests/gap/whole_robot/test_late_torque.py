@@ -10,8 +10,10 @@ import pytest
 
 from tests.gap.made import ARM, ELBOW, everywhere
 from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.gap.whole_robot.explain import begun, settled
-from twin_diagram.gap.whole_robot.late_torque import later, likeliest_shift, shifted
+from twin_diagram.gap.whole_robot.few_or_whole import told_of_one_late
+from twin_diagram.gap.whole_robot.late_torque import later, likeliest_shift, one_late, shifted
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import carried, offered, terms_of, with_candidate
@@ -51,6 +53,20 @@ def test_one_joint_that_is_late_is_no_delay_of_all() -> None:
     start, z = problem(ELBOW)
     (first,) = offered(terms_of(start.sums, ARM), ("time_delay",))
     assert later(start, z, first) is None
+    late = one_late(start, z)
+    assert late is not None and late[0] == ELBOW
+    assert late[1] == pytest.approx(LATE, abs=2e-3)
+
+
+def test_the_joint_that_is_late_is_told_in_words() -> None:
+    nothing = np.zeros(6)
+    (said,) = told_of_one_late(WholeRobot(ARM, (), nothing, nothing, nothing, *problem(ELBOW)))
+    assert said.startswith("the logged torque of elbow_joint alone seems to act some 12 ms late")
+
+
+@pytest.mark.parametrize("joints", [(), tuple(range(6))])
+def test_where_none_is_late_or_all_are_no_single_joint_is_told(joints: tuple[int, ...]) -> None:
+    assert one_late(*problem(*joints)) is None
 
 
 def test_shifted_logs_are_those_of_earlier_torque_and_candidates_have_the_residuals_band() -> None:

@@ -18,6 +18,7 @@ from twin_diagram.gap.whole_robot.coarse_torque import in_coarse_steps
 from twin_diagram.gap.whole_robot.concluding import WholeRobot, every_beside
 from twin_diagram.gap.whole_robot.estimates import covariance
 from twin_diagram.gap.whole_robot.explain import explain
+from twin_diagram.gap.whole_robot.late_torque import one_late
 from twin_diagram.gap.whole_robot.lost_dips import without_lost_dips
 from twin_diagram.gap.whole_robot.placeholders import as_of_the_description, placeholders
 from twin_diagram.gap.whole_robot.well_told import well_told
@@ -91,14 +92,12 @@ def explained(
         notes.append(COARSE)
     suffices = coarse or (whole is not None and taking_over.suffices(whole, bare.noise_floor))
     if whole is not None and (suffices if enough is None else enough):
+        notes += told_of_one_late(whole)
         return Explanation(taking_over.as_named(records, bare, whole, recorded), whole.model, whole, whole)
     try:
         named = name(given, logs, say, records)
     except np.linalg.LinAlgError:  # more that could explain the runs than samples to tell it by
-        notes.append(
-            "these runs are too short, or move too little, to tell single effects apart: ten seconds in which each "
-            "joint moves to and fro do; the robot was fitted as a whole"
-        )
+        notes.append(why_none_alone(logs))
         named = bare
     if coarse and named.findings:
         named = nameless(named)
@@ -114,9 +113,36 @@ def explained(
             fewer = replace(fewer, verdict="none")
         verdict, corrected, _ = _corrected(given, logs, held, fewer, records, say)
     answer = Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
-    if answer.whole is None:
-        notes += more  # of a search that is not the answer nothing is said
+    # Of a search that is not the answer nothing is said.
+    notes += more if answer.whole is None else told_of_one_late(answer.whole)
     return answer
+
+
+def why_none_alone(logs: Sequence[Log]) -> str:
+    """Return why single effects cannot be told apart in some logs."""
+    still = np.all([np.ptp(log.motor_torque, axis=0) == 0.0 for log in logs], axis=0)
+    if np.any(still):
+        joints = ", ".join(joint for joint, one in zip(logs[0].joints, still, strict=True) if one)
+        return (
+            f"the torque of {joints} never changes, whatever moves, so single effects cannot be told apart: log it; "
+            "the robot was fitted as a whole"
+        )
+    return (
+        "these runs are too short, or move too little, to tell single effects apart: ten seconds in which each joint "
+        "moves to and fro do; the robot was fitted as a whole"
+    )
+
+
+def told_of_one_late(whole: WholeRobot) -> list[str]:
+    """Return what is said where the torque of one joint alone acts late, beside what was found."""
+    late = one_late(whole.problem, whole.coordinates)
+    if late is None:
+        return []
+    joint = whole.problem.sums.records.model.joints[late[0]]
+    return [
+        f"the logged torque of {joint} alone seems to act some {1e3 * late[1]:.0f} ms late, which the catalogue has no "
+        f"name for: what is named on {joint} may stand for it"
+    ]
 
 
 def links_told(standing: corrected_folder.CorrectedStanding, given: Model) -> Array | None:

@@ -7,6 +7,7 @@ its noise, which the rate of a model's torque hardly has; a logged torque that i
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,13 @@ class Tuning:
     sections: int = 6
     """Times that what lies between the neighbours of the best shrinks to 0.62 of itself: to half of a millisecond."""
 
+    alone: float = 15.0
+    """By how much likelier logs must be with one joint's torque later for a word about it [nats]: up to 12 on arms of
+    training of which none is late."""
+
+    rather: float = 3.0
+    """Times what any other joint gains so, as a delay of all would have them gain as well."""
+
     others: float = 3.0
     """By how much likelier all joints but the one that gains most must be with a delay of all [nats]: 3.3 and
     more on 13 arms of training with one that is told. One joint alone that is late moves them by little: up to 4.9 on
@@ -41,6 +49,8 @@ class Tuning:
 
 
 TUNING = Tuning()
+COARSE = TUNING.tried[::2]
+"""By how much one joint's torque is shifted at first [s]."""
 
 
 def later(problem: RobotProblem, z: Array, candidate: Candidate) -> Candidate | None:
@@ -57,7 +67,7 @@ def later(problem: RobotProblem, z: Array, candidate: Candidate) -> Candidate | 
     if seconds <= (1.0 + UNUSUAL.edge) * float(candidate.lower[0]):
         return None
     gains = costs_of(problem, z, 0.0) - costs_of(problem, z, seconds)
-    if np.sum(gains) - np.max(gains) < TUNING.others:
+    if np.sum(gains) - np.max(gains) < TUNING.others or np.max(gains_alone(problem, z)) > np.sum(gains):
         return None
     moved = replace(problem, sums=shifted(problem.sums, seconds))
     fit, given = solve(moved, None, z), problem.sums.records.model
@@ -66,6 +76,39 @@ def later(problem: RobotProblem, z: Array, candidate: Candidate) -> Candidate | 
     if model is None:
         return candidate
     return delay(terms_of(problem.sums, model), TIME_DELAY.longest_delay, seconds)
+
+
+def one_late(problem: RobotProblem, z: Array) -> tuple[int, float] | None:
+    """Return the joint whose logged torque alone acts later, and by how much [s]; None where none does, or more do.
+
+    The catalogue has no name for it: in its place stands what it is most like on that joint.
+
+    Args:
+        problem: with all that was found, and its noise.
+        z: (Z,) its fit.
+    """
+    gains = gains_alone(problem, z)
+    best, joint = (int(k) for k in np.unravel_index(int(np.argmax(gains)), gains.shape))
+    others = np.delete(np.max(gains, axis=0), joint)
+    if gains[best, joint] < max(TUNING.alone, TUNING.rather * np.max(others, initial=0.0)):
+        return None
+    ends = COARSE[best - 1], COARSE[min(best + 1, len(COARSE) - 1)]
+    return joint, least(lambda shift: _cost(problem, z, shift, joint), *ends, TUNING.sections)[1]
+
+
+def gains_alone(problem: RobotProblem, z: Array) -> Array:
+    """Return (T, n) by how much likelier logs are with one joint's torque alone later by each of `COARSE` [nats].
+
+    Args:
+        problem: with its noise.
+        z: (Z,) its fit.
+    """
+    costs = np.array([[_cost(problem, z, shift, j) for j in range(problem.n)] for shift in COARSE])
+    return np.asarray(costs[0] - costs)
+
+
+def _cost(problem: RobotProblem, z: Array, seconds: float, joint: int) -> float:
+    return float(np.sum(costs_of(problem, z, seconds, [joint])))
 
 
 def likeliest_shift(problem: RobotProblem, z: Array) -> float:
@@ -83,24 +126,27 @@ def likeliest_shift(problem: RobotProblem, z: Array) -> float:
     return least(lambda seconds: float(np.sum(costs_of(problem, z, seconds))), *ends, TUNING.sections)[1]
 
 
-def costs_of(problem: RobotProblem, z: Array, seconds: float) -> Array:
+def costs_of(problem: RobotProblem, z: Array, seconds: float, joints: Sequence[int] | None = None) -> Array:
     """Return (n,) by how much logs are less likely with a shifted torque, but for a constant [nats].
 
     Args:
         problem: with everything usual free, and its noise.
         z: (Z,) its fit.
         seconds: by which the torque is later.
+        joints: whose; None: all.
     """
-    moved = replace(problem, sums=shifted(problem.sums, seconds))
+    moved = replace(problem, sums=shifted(problem.sums, seconds, joints))
     squares = moved.squares(solve(moved, None, z), moved.sums.whole)
     return np.asarray(0.5 * problem.share * problem.sums.counted * np.log(np.maximum(squares, 1e-30)))
 
 
-def shifted(sums: TorqueEquations, seconds: float) -> TorqueEquations:
-    """Return the same of torques that were logged some time before [s]."""
+def shifted(sums: TorqueEquations, seconds: float, joints: Sequence[int] | None = None) -> TorqueEquations:
+    """Return the same of torques that were logged some time before [s]; of some joints, or of all."""
+    some = list(range(sums.n) if joints is None else joints)
     columns, parts = sums.columns.copy(), []
     for record in sums.records.records:
-        before = np.stack([np.interp(record.time - seconds, record.time, torque) for torque in record.torque.T], axis=1)
-        parts.append(low_passed(before - record.torque, record)[record.kept])
-    columns[:, :, -1] += np.concatenate(parts)
+        logged = record.torque[:, some]
+        before = np.stack([np.interp(record.time - seconds, record.time, torque) for torque in logged.T], axis=1)
+        parts.append(low_passed(before - logged, record)[record.kept])
+    columns[:, some, -1] += np.concatenate(parts)
     return sums.with_columns(columns)
