@@ -297,9 +297,9 @@ def _replay(arguments: argparse.Namespace) -> int:
     from twin_diagram.runs.places import places_for
     from twin_diagram.runs.replayed import replay_scenario
 
-    scenario = replay_scenario(arguments.log, arguments.model, _overrides(arguments), arguments.columns)
-    places_for(arguments.out, None, None)
     require_packages(*RUN)
+    scenario = replay_scenario(arguments.log, arguments.model, _overrides(arguments), arguments.columns)
+    places_for(arguments.out, None, None)  # before seconds of importing
     from twin_diagram.runs.run import run_scenario
 
     def say(text: str) -> None:

@@ -99,7 +99,7 @@ def test_a_process_of_its_own_tells_the_same_to_the_bit(frames: Frames, whole: b
     with estimator.looking_beside():
         there = told(diagram, LATE)
         assert estimator._looking is not None and not estimator._looking.why
-        assert sum(answer is not None for answer in estimator._looking._known.values()) == 3, "it looked at each"
+        assert sum(asked.answer is not None for asked in estimator._looking._known) == 3, "it looked at each"
         # One that was killed costs time, and no figure.
         estimator._looking._worker.process.kill()
         alone = told(diagram, LATE)

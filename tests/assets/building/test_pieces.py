@@ -77,7 +77,8 @@ def test_long_thin_triangles_are_held_as_others_are(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(pieces, "TUNING", replace(pieces.TUNING, many=1000))
     made = of(mesh, float(mesh.volume))
     points = spread(np.asarray(mesh.triangles), 0.0032)
-    assert np.min([depth(piece, points) for piece in made.vertices], axis=0).max() < 2e-4
+    edge = pieces.TUNING.step * 0.16 / 4  # of the cubes with one point each: where pieces meet, half of it is left
+    assert np.min([depth(piece, points) for piece in made.vertices], axis=0).max() < 0.5 * edge
     assert sum(ConvexHull(piece).volume for piece in made.vertices) < 1.3 * mesh.volume
 
 
