@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description import unparsed
+
+Told = tuple[Sequence[tuple[Element, str | None]], Sequence[tuple[Element, str | None, str | None]]]
+"""Links with their masses, joints with their lower and upper limits."""
 
 
 def refuse_impossible(path: Path) -> None:
@@ -18,52 +22,54 @@ def refuse_impossible(path: Path) -> None:
     Raises:
         ModelError: names the link or the joint, and the value.
     """
-    said = {".urdf": _urdf, ".sdf": _sdf, ".xml": _mjcf}.get(path.suffix.lower())
-    if said is None or not path.is_file():
+    reads = {".urdf": _urdf, ".sdf": _sdf, ".xml": _mjcf}.get(path.suffix.lower())
+    if reads is None or not path.is_file():
         return
-    for what, name, low, high in said(unparsed.tree(path)):
-        if what == "mass" and high < 0:
-            raise ModelError(f"{path}: link {name!r}: a mass of {high:g} kg; it cannot be negative")
-        if what == "limits" and low > high:
-            raise ModelError(f"{path}: joint {name!r}: its lower limit {low:g} lies above its upper one {high:g}")
+    masses, limits = reads(unparsed.tree(path))
+    for link, word in masses:
+        if (mass := _number(word)) < 0:
+            raise ModelError(f"{path}: link {_name(link)!r}: a mass of {mass:g} kg; it cannot be negative")
+    for joint, *words in limits:
+        low, high = map(_number, words)
+        if low > high:
+            raise ModelError(
+                f"{path}: joint {_name(joint)!r}: its lower limit {low:g} lies above its upper one {high:g}"
+            )
 
 
-Found = Iterator[tuple[str, str, float, float]]
-"""`mass` of a link, twice, or `limits` of a joint."""
+def _urdf(root: Element) -> Told:
+    masses = [(link, one.get("value")) for link in root.findall("link") for one in link.findall("inertial/mass")]
+    bounded = [joint for joint in root.findall("joint") if joint.get("type") in ("revolute", "prismatic")]
+    limits = [
+        (joint, one.get("lower", "0"), one.get("upper", "0")) for joint in bounded for one in joint.findall("limit")
+    ]
+    return masses, limits
 
 
-def _urdf(root: Element) -> Found:
-    for link in root.findall("link"):
-        mass = link.find("inertial/mass")
-        if mass is not None:
-            yield from _numbers("mass", link, [mass.get("value")] * 2)
-    for joint in root.findall("joint"):
-        limit = joint.find("limit")
-        if limit is not None and joint.get("type") in ("revolute", "prismatic"):
-            yield from _numbers("limits", joint, [limit.get("lower", "0"), limit.get("upper", "0")])
+def _sdf(root: Element) -> Told:
+    limits = [(joint, one) for joint in root.iter("joint") for one in joint.findall("axis/limit")]
+    return (
+        [(link, link.findtext("inertial/mass")) for link in root.iter("link")],
+        [(joint, one.findtext("lower"), one.findtext("upper")) for joint, one in limits],
+    )
 
 
-def _sdf(root: Element) -> Found:
-    for link in root.iter("link"):
-        yield from _numbers("mass", link, [link.findtext("inertial/mass")] * 2)
-    for joint in root.iter("joint"):
-        limit = joint.find("axis/limit")
-        if limit is not None:
-            yield from _numbers("limits", joint, [limit.findtext("lower"), limit.findtext("upper")])
+def _mjcf(root: Element) -> Told:
+    parts = [(body, part) for body in root.iter("body") for part in (*body.findall("inertial"), *body.findall("geom"))]
+    ranges = [(joint, (joint.get("range") or "").split()) for joint in root.iter("joint")]
+    return (
+        [(body, part.get("mass")) for body, part in parts],
+        [(joint, words[0], words[1]) for joint, words in ranges if len(words) == 2 and joint.get("limited") != "false"],
+    )
 
 
-def _mjcf(root: Element) -> Found:
-    for body in root.iter("body"):
-        for part in (*body.findall("inertial"), *body.findall("geom")):
-            yield from _numbers("mass", body, [part.get("mass")] * 2)
-    for joint in root.iter("joint"):
-        if joint.get("limited") != "false":
-            yield from _numbers("limits", joint, (joint.get("range") or "").split())
-
-
-def _numbers(what: str, element: Element, words: list[str | None] | list[str]) -> Found:
+def _number(word: str | None) -> float:
+    """Return a number, or NaN, which is neither above nor below any."""
     try:
-        low, high = (float(word) for word in words if word is not None)
+        return math.nan if word is None else float(word)
     except ValueError:
-        return
-    yield what, element.get("name", element.get("class", "")), low, high
+        return math.nan
+
+
+def _name(element: Element) -> str:
+    return element.get("name", element.get("class", ""))

@@ -100,23 +100,8 @@ def _near(looked: Looked, reach: float) -> npt.NDArray[np.bool_]:
     return np.asarray(looked.matched & (np.abs(looked.deeper) < TUNING.deepest * reach))
 
 
-@dataclass(frozen=True)
-class ColourNormal:
-    """Normal equations of the colours, of pose and shift.
-
-    Attributes:
-        H: (B, 6, 6) of the pose.
-        b: (B, 6).
-        cross: (B, 6, 2) between pose and shift.
-        H_shift: (B, 2, 2) of the shift [1/px²].
-        b_shift: (B, 2).
-    """
-
-    H: Array
-    b: Array
-    cross: Array
-    H_shift: Array
-    b_shift: Array
+class ColourNormal(ColourSums):
+    """Normal equations of the colours, and what they say of the pose and of the shift."""
 
     def without_shift(self, shift: ColourShift) -> Normal:
         """Return what is left to the pose, with the shift known as well as `shift` says."""
