@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, Final
 
 import numpy as np
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 from scipy.interpolate import make_interp_spline
 
@@ -43,6 +44,8 @@ class Tuning:
 
 
 TUNING = Tuning()
+ROUNDED: Final = 1e-3
+"""By which rows of a matrix may miss being those of a rotation: they come from files with few digits."""
 COLUMNS = ("offset", "viscous", "dry", "stribeck", "load", "rotor")
 """What a joint's torque has beside the rigid bodies: N·m per unit of each in `TorqueRun.beside`; load: per N·m."""
 
@@ -54,13 +57,31 @@ class LoadedRun:
     Attributes:
         log: of the arm's joints, each message of its driver, which should get a command for each: where commands come
             more seldom, torques jump with them, and messages taken at the same rate show only one side of the jumps.
-        X_TO: the object's frame O in the tool frame, all the time.
+        X_TO: the object's frame O in the tool frame, all the time; a matrix (4, 4) is made one of Drake's.
         fingers: positions of joints outside the arm by name [m], [rad]; those not named are as described.
     """
 
     log: Log
     X_TO: RigidTransform
     fingers: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Take a matrix for a pose; refuse what is none."""
+        if not isinstance(self.X_TO, RigidTransform):
+            object.__setattr__(self, "X_TO", _pose(self.X_TO))
+
+
+def _pose(matrix: Any) -> RigidTransform:
+    """Return a matrix (4, 4) as a pose."""
+    told = f"X_TO must be a pose: a RigidTransform or a matrix (4, 4), not {matrix}"
+    try:
+        X = np.asarray(matrix, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise WeighingError(told) from error
+    R = X[:3, :3] if X.shape == (4, 4) else np.zeros((3, 3))
+    if not (np.abs(R @ R.T - np.eye(3)).max() < ROUNDED and np.linalg.det(R) > 0.0 and np.isfinite(X).all()):
+        raise WeighingError(told)
+    return RigidTransform(RotationMatrix.ProjectToRotationMatrix(R), X[:3, 3])
 
 
 @dataclass(frozen=True)
