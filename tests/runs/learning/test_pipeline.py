@@ -201,9 +201,10 @@ def test_all_else_that_the_picture_shows_is_in_the_way_of_a_pick(monkeypatch: py
 
     monkeypatch.setattr(handling, "things_within", lambda picture, low, high: [given_up, thing])
     monkeypatch.setattr(handling, "choose", choose)
+    monkeypatch.setattr(handling, "why_barred", lambda why, one, others: f"{why} by {len(others)}")
     mover = SimpleNamespace(stand=lambda what, points, floor: stood.append(points))
     tools: Any = SimpleNamespace(learning=Learning(), mover=mover, gripper=None, cell=None)
     nothing: Any = None
-    assert handling.pick(tools, thing, nothing, 0, []).why == "barred"  # type: ignore[arg-type]
+    assert handling.pick(tools, thing, nothing, 0, []).why == "barred by 1"  # type: ignore[arg-type]
     assert [len(points) for points in stood] == [2]
     assert len(kept_clear) == 1 and [one is given_up.points for one in kept_clear[0]] == [True]

@@ -24,6 +24,7 @@ from twin_diagram.runs.learning.choosing import choose
 from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
 from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
+from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import Taken, go, take
@@ -164,12 +165,13 @@ def pick(tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed:
         failed: (4, 4) poses of the tool at which it held nothing.
     """
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
-    rest = [other.points for other in things_within(picture, low, high) if (other.middle != thing.middle).any()]
+    others = [other for other in things_within(picture, low, high) if (other.middle != thing.middle).any()]
+    rest = [other.points for other in others]
     tools.mover.stand("bin", [thing.points, *rest], float(low[2]))
     floor = float(low[2]) + TUNING.floor
     reach, why = choose(tools.mover, tools.cell, tools.gripper, thing, (low, high), floor, rest, attempt, failed)
     if reach is None:
-        return Picked(thing, why=why)
+        return Picked(thing, why=why_barred(why, thing, others))
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return Picked(thing, why="the fingers held nothing", failed=reach.X_WT)
