@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
 
 import numpy as np
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 from scipy.interpolate import make_interp_spline
 
-from twin_diagram.estimation.weighing.held import Held, WeighingError
+from twin_diagram.estimation.weighing.held import Held, WeighingError, as_pose
 from twin_diagram.logs.differentiation import differentiate, inner, lowpass, motion
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model.model import Model
@@ -44,8 +43,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-ROUNDED: Final = 1e-3
-"""By which rows of a matrix may miss being those of a rotation: they come from files with few digits."""
 COLUMNS = ("offset", "viscous", "dry", "stribeck", "load", "rotor")
 """What a joint's torque has beside the rigid bodies: N·m per unit of each in `TorqueRun.beside`; load: per N·m."""
 
@@ -67,21 +64,7 @@ class LoadedRun:
 
     def __post_init__(self) -> None:
         """Take a matrix for a pose; refuse what is none."""
-        if not isinstance(self.X_TO, RigidTransform):
-            object.__setattr__(self, "X_TO", _pose(self.X_TO))
-
-
-def _pose(matrix: Any) -> RigidTransform:
-    """Return a matrix (4, 4) as a pose."""
-    told = f"X_TO must be a pose: a RigidTransform or a matrix (4, 4), not {matrix}"
-    try:
-        X = np.asarray(matrix, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise WeighingError(told) from error
-    R = X[:3, :3] if X.shape == (4, 4) else np.zeros((3, 3))
-    if not (np.abs(R @ R.T - np.eye(3)).max() < ROUNDED and np.linalg.det(R) > 0.0 and np.isfinite(X).all()):
-        raise WeighingError(told)
-    return RigidTransform(RotationMatrix.ProjectToRotationMatrix(R), X[:3, 3])
+        object.__setattr__(self, "X_TO", as_pose(self.X_TO))
 
 
 @dataclass(frozen=True)
