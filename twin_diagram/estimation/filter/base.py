@@ -136,7 +136,7 @@ class Core:
             return 0.0
         n = self.terms.n
         mass = 3 * n + self.parameters.payload.start
-        J = self._last.jacobian(self.terms.true_position(x[:n]))[2][3:]
+        J = self._last.jacobian(x[:n])[2][3:]
         swing = solve_positive(self.step_mass, J.T @ J)
         return 3.0 * float(P[mass, mass]) * (swing @ (by_state @ P @ by_state.T + noise) @ swing.T)
 
