@@ -53,7 +53,7 @@ def note(state: DriftState, statistic: float) -> None:
 def turn_over(state: DriftState, t: float) -> None:
     """Begin a new tenth of a second where one is over."""
     h = state.header
-    if t - h[DriftEntry.FROM] < TUNING.tenth:
+    if 0.0 <= t - h[DriftEntry.FROM] < TUNING.tenth:
         return
     state.tenths[:-1] = state.tenths[1:]
     state.tenths[-1] = h[DriftEntry.TENTH]

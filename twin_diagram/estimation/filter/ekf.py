@@ -145,7 +145,8 @@ class Ekf(Core):
             return
         if alarm[0] > 0.5:
             self.hold_noise(belief.time + 2.0 * self.period)
-        if not header[Entry.HEEDED] < alarm[2] < np.inf or alarm[1] in (AlarmKind.NONE, AlarmKind.SENSOR):
+        # An alarm of the future is one from before a clock was set back.
+        if not header[Entry.HEEDED] < alarm[2] <= belief.time or alarm[1] in (AlarmKind.NONE, AlarmKind.SENSOR):
             return
         header[Entry.HEEDED] = alarm[2]
         if belief.time >= header[Entry.QUIET]:
