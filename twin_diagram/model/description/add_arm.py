@@ -234,7 +234,9 @@ def _parsed(
             instances = foreign.add_models(parser(plant, packages), Path(spec.model))
     except SystemExit as error:  # of a condition within Drake, from which pydrake would end the program
         raise ModelError(f"{spec.model}: Drake's parser does not hold it: {_first_line(error)}") from error
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
+        if isinstance(error, ModelError):
+            raise
         said = _first_line(error)
         unknown = re.search(r"unknown package '([^']+)'", said)
         advice = f"; {resources.name_package(unknown[1])}" if unknown else ""
