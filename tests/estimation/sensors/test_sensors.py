@@ -118,6 +118,29 @@ def test_sensors_on_links_know_of_encoders_that_are_off(make):
     np.testing.assert_allclose(measured.jacobian, true.jacobian, atol=1e-9)
 
 
+@pytest.mark.parametrize("rule", ["covariance", "gradient"])
+def test_a_reading_is_fused_alike_whatever_belief_the_filter_held_before(rule):
+    """Two Contexts of one Diagram share the scratch: nothing of it may come from the other's arm."""
+    ekf = Ekf(terms(), Filter(rule=rule))
+    ekf.add(WristWrench(terms(), "panda_link7"))
+    held = []
+    for angles in (HOME, HOME + 0.5):
+        ekf.start(angles, np.zeros(7), np.zeros(7), 0.0)
+        for k in range(1, 20):
+            ekf.observe(angles, np.zeros(7), terms().inverse_dynamics(angles, np.zeros(7), 0.0), 0.005 * k)
+        held.append((ekf.belief.vector.copy(), ekf.history.vector.copy()))
+    found = []
+    for before in (0, 1):
+        ekf.load(*held[before])
+        ekf.observe(HOME + 0.5 * before, np.zeros(7), np.zeros(7), 0.1)
+        for t in (0.095, 0.085):
+            ekf.load(*held[0])
+            ekf.update("wrench", np.full(6, 0.1), t)
+            found.append(ekf.belief.vector.copy())
+    np.testing.assert_array_equal(found[0], found[2])
+    np.testing.assert_array_equal(found[1], found[3])
+
+
 @pytest.mark.parametrize(
     "make", [lambda: LinkImu(terms(), "panda_link5", X_BF), lambda: WristWrench(terms(), "panda_link7")]
 )

@@ -181,7 +181,7 @@ def absorb(core: Core, gated: Gated) -> None:
     A.flat[:: belief.size + 1] += 1.0
     P = A @ belief.P @ A.T + K @ R @ K.T
     belief.P[:] = 0.5 * (P + P.T)
-    if core.params.rule == "gradient" and not gated.result.surprise:
+    if core.params.rule == "gradient" and not gated.result.surprise and core.by_torque is not None:
         gather(core, H, gated.weighted)
     core.parameters.clip(belief.theta)
     core.history.settle(belief.x, belief.P)
