@@ -207,7 +207,7 @@ def _shown(value: Any) -> str:
 
 
 def _check(value: Any, schema: Any, name: str) -> None:
-    """Hold plain YAML data against a schema of dataclasses and raises with the dotted name of what does not fit."""
+    """Hold plain YAML data against a schema of dataclasses and raise with the dotted name of what does not fit."""
     origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     shown = name or "scenario"
     if origin in (typing.Union, types.UnionType):

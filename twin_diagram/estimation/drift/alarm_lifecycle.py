@@ -80,7 +80,7 @@ def raise_alarm(
         t: of the message [s].
         statistic: over its threshold, more than 1.
         dt: how long the message stands for [s].
-        longer: by how much the alarm outlasts `HOLD` [s].
+        longer: by how much the alarm outlasts `hold` [s].
         sensor: which further sensor it is about.
         gained: which joint, by index, gained which torque [N·m], where that is known.
     """

@@ -89,7 +89,7 @@ class CrossCheck:
     """
 
     def __init__(self, sizes: Sequence[int], sigma: float, learning_time: float) -> None:
-        """Lays the vector out.
+        """Lay the vector out.
 
         Args:
             sizes: degrees of freedom of each sensor.

@@ -27,7 +27,7 @@ its prior says, a motor that is no data sheet's, refutes the prior: see `paramet
 `Filter.parameter_rate`, and at once where that is much; in between, what has been learnt acts through the derivatives,
 so nothing of it is lost.
 
-**Late readings** are fused at their own time: see `history`.
+**Late readings** are fused at their own time: see `delayed_measurements`.
 """
 
 from __future__ import annotations

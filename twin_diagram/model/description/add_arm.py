@@ -106,7 +106,7 @@ def resolve(
     packages: Mapping[str, str | Path] | None = None,
     base_dir: str | Path | None = None,
 ) -> scenario.ArmModel:
-    """Find the description, and merges what the folder of a corrected model says.
+    """Find the description, and merge what the folder of a corrected model says.
 
     Args:
         spec: an arm of a scenario, or just the path of a description or folder.
@@ -178,7 +178,7 @@ def add_arm(
     packages: Mapping[str, str | Path] | None = None,
     base_dir: str | Path | None = None,
 ) -> Arm:
-    """Parse an arm into a plant that is not finalized, and welds its base at X_WB where it is free.
+    """Parse an arm into a plant that is not finalized, and weld its base at X_WB where it is free.
 
     A description without any motor (most URDFs carry no transmissions) gets one on each joint that is named, or, where
     none is named, on each revolute joint; joints that are named get the motor they lack.
