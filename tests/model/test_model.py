@@ -299,10 +299,14 @@ def test_friction_that_the_description_states(tmp_path: Path) -> None:
         Model.load(tmp_path / "chain.urdf")
 
 
-@pytest.mark.parametrize("actuator", ["motor", "general", "velocity", ""])
-def test_rotors_that_an_mjcf_states(tmp_path: Path, actuator: str) -> None:
-    """Drake keeps them where it makes the motor itself; most published arms have actuators that it does not know."""
-    motors = "".join(f'<{actuator} joint="{joint}"/>' for joint in ("shoulder", "elbow")) if actuator else ""
+@pytest.mark.parametrize("actuators", [["motor"], ["general"], ["velocity"], [], ["motor", "motor"]])
+def test_rotors_that_an_mjcf_states(tmp_path: Path, actuators: list[str]) -> None:
+    """Drake keeps them where it makes the motor itself; most published arms have actuators that it does not know.
+
+    Two motors on a joint move one rotor.
+    """
+    each = ((f"{kind}_{joint}_{k}", kind, joint) for k, kind in enumerate(actuators) for joint in ("shoulder", "elbow"))
+    motors = "".join(f'<{kind} name="{name}" joint="{joint}"/>' for name, kind, joint in each)
     mjcf = f"""<mujoco model="arm"><default><joint armature="0.3"/></default><worldbody>
       <body name="upper"><joint name="shoulder" axis="0 1 0"/>
         <inertial pos="0.1 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>
