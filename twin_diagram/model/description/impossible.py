@@ -38,6 +38,9 @@ def refuse_impossible(path: Path) -> None:
         return
     root = unparsed.tree(path)
     _refuse_commas(path, root)
+    for compiler in root.iter("compiler"):  # of an MJCF
+        if _number(total := compiler.get("settotalmass")) > 0.0:
+            raise ModelError(f"{path}: settotalmass {total}: Drake does not scale masses; state them as they are")
     masses, limits = reads(root)
     for link, word in masses:
         if (mass := _number(word)) < 0:

@@ -150,8 +150,9 @@ def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float
             keys = ("frictionloss", "stiffness", "springref", "armature")
             friction, stiffness, rest, rotor = (float(attributes.get(key, "0")) for key in keys)
             yield joint.get("name", ""), (friction, stiffness, scale * rest, rotor)
-        for body in element.findall("body"):
-            yield from walk(body, inherited)
+        for inner in element:
+            if inner.tag in ("body", "frame"):
+                yield from walk(inner, inherited)
 
     for world in root.findall("worldbody"):
         yield from walk(world, "main")
