@@ -30,7 +30,21 @@ STATIONS = ("sim", "replay", "lcm")
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does."""
+    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does, and no field twice: the first would be lost."""
+
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        """Return a mapping's node.
+
+        Raises:
+            YAMLError: one of its keys is there twice.
+        """
+        node = super().compose_mapping_node(anchor)
+        known: set[str] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode) and key.value != "<<"):
+            if key.value in known:
+                raise yaml.MarkedYAMLError(problem=f"{key.value} is there twice", problem_mark=key.start_mark)
+            known.add(key.value)
+        return node
 
 
 class _Dumper(yaml.SafeDumper):
