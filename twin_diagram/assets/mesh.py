@@ -198,10 +198,7 @@ def bilinear(image: Image, uv: Array) -> Array:
 
 
 def sample(mesh: Mesh, texture: Image, count: int, seed: int = 0) -> Cloud:
-    """Return `count` points spread evenly over the surface, in random order.
-
-    So that any prefix is an even sample too.
-    """
+    """Return `count` points spread evenly over the surface, in random order: the first few are an even sample, too."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
     doubled = np.linalg.norm(across, axis=1)  # twice the areas: shares are what counts

@@ -1,4 +1,4 @@
-"""Meshes as people have them: OBJ with its materials, STL, PLY, glTF.
+"""Meshes as people have them: OBJ with its materials, STL, PLY with its picture, glTF, COLLADA.
 
 What they name must lie in their own folder, or in one that was told.
 """
