@@ -204,13 +204,14 @@ def test_colours_that_are_none_are_refused(line: str, tmp_path: Path) -> None:
 
 
 def test_a_texture_may_be_named_as_windows_does(tmp_path: Path) -> None:
-    (tmp_path / "looks").mkdir()
-    Image.new("RGB", (4, 4), (9, 8, 7)).save(tmp_path / "looks" / "a.png")
-    text = "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n"
-    (tmp_path / "a.obj").write_text(text)
-    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd looks\\a.png\n")
-    (made,) = read_source(tmp_path / "a.obj").parts
+    mesh = tmp_path / "mesh" / "a.obj"
+    (mesh.parent / "looks").mkdir(parents=True)
+    for folder, colour in ((mesh.parent / "looks", (9, 8, 7)), (tmp_path, (1, 2, 3))):
+        Image.new("RGB", (4, 4), colour).save(folder / "a.png")
+    mesh.write_text("mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n")
+    mesh.with_suffix(".mtl").write_text("newmtl m\nmap_Kd looks\\a.png\n")
+    (made,) = read_source(mesh).parts
     assert made.image is not None and made.image[0, 0].tolist() == [9, 8, 7]
-    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd ..\\..\\a.png\n")
+    mesh.with_suffix(".mtl").write_text("newmtl m\nmap_Kd ..\\a.png\n")
     with pytest.raises(AssetError, match="outside"):
-        read_source(tmp_path / "a.obj")
+        read_source(mesh)

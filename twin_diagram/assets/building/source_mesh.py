@@ -89,9 +89,7 @@ class Beside:
             AssetError: it lies elsewhere.
             FileNotFoundError: it is not there; noted.
         """
-        path = self._folder / name.strip()
-        if "\\" in name and not path.exists():  # as Windows writes it
-            path = self._folder / name.strip().replace("\\", "/")
+        path = self._place(name.strip())
         if not self._pictures and path.suffix.lower() in PICTURES:
             raise FileNotFoundError(str(path))
         try:
@@ -110,6 +108,12 @@ class Beside:
         return path.read_bytes()
 
     __getitem__ = get
+
+    def _place(self, name: str) -> Path:
+        """Return where a file is that is named so: there, as Windows writes it, or where Gazebo has its pictures."""
+        plain = name.replace("\\", "/")
+        places = [self._folder / name, self._folder / plain, self._root / "materials" / "textures" / Path(plain).name]
+        return next((place for place in places if place.exists()), places[0])
 
 
 def read_source(path: Path, *, looks: bool = True, root: Path | None = None) -> Source:
