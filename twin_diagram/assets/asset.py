@@ -131,6 +131,9 @@ def _vertices(solid: CollisionShape, where: Path) -> Array:
     expected = {"box": 3, "cylinder": 2}.get(solid.kind)
     if expected is None or len(solid.size) != expected or not (np.array(solid.size) > 0).all():
         raise AssetError(f"{where}: no such solid: {solid.kind} of size {solid.size}")
+    for name, numbers in (("translation", solid.translation), ("rpy", solid.rpy)):
+        if len(numbers) != 3 or not np.isfinite(numbers).all():
+            raise AssetError(f"{where}: a solid's {name} is three numbers, not {numbers}")
     if solid.kind == "box":
         corners = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).T.reshape(-1, 3) * solid.size
     else:
