@@ -98,9 +98,9 @@ def read_obj(path: Path) -> Mesh:
         normals = np.zeros_like(vertices)
         for k in range(3):
             np.add.at(normals, faces[:, k], flat)
-    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     if not (np.isfinite(uv).all() and np.isfinite(normals).all()):
         raise AssetError(f"{path}: a texture coordinate or a normal is not finite")
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return Mesh(vertices, normals, uv, faces)
 
 
