@@ -1,4 +1,8 @@
-"""Refuses what no arm can have: Drake takes a negative mass for a positive one, and ends the program at some limits."""
+"""Refuses what no arm can have.
+
+Drake takes a negative mass for a positive one, warns of a negative moment of inertia among a hundred other things, and
+ends the program at some limits.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +17,14 @@ from twin_diagram.model.description import unparsed
 Told = tuple[Sequence[tuple[Element, str | None]], Sequence[tuple[Element, str | None, str | None]]]
 """Links with their masses, joints with their lower and upper limits."""
 
+ROUNDING = 1e-6
+"""So far below zero a moment of inertia may be [kg·m²]: descriptions made by programs hold zeros rounded to less."""
+_MOMENTS = ("ixx", "iyy", "izz")
+"""About the axes: as attributes and as elements."""
+
 
 def refuse_impossible(path: Path) -> None:
-    """Refuse a URDF, SDF or MJCF with a negative mass, or with a joint whose lower limit lies above its upper one.
+    """Refuse a URDF, SDF or MJCF with a negative mass or moment, or a joint whose lower limit lies above its upper one.
 
     Numbers that are none are left to the parser, which names them.
 
@@ -25,16 +34,30 @@ def refuse_impossible(path: Path) -> None:
     reads = {".urdf": _urdf, ".sdf": _sdf, ".xml": _mjcf}.get(path.suffix.lower())
     if reads is None or not path.is_file():
         return
-    masses, limits = reads(unparsed.tree(path))
+    root = unparsed.tree(path)
+    masses, limits = reads(root)
     for link, word in masses:
         if (mass := _number(word)) < 0:
             raise ModelError(f"{path}: link {_name(link)!r}: a mass of {mass:g} kg; it cannot be negative")
+    for link, word in _moments(root):
+        if (moment := _number(word)) < -ROUNDING:
+            raise ModelError(f"{path}: link {_name(link)!r}: a moment of {moment:g} kg·m²; it cannot be negative")
     for joint, *words in limits:
         low, high = map(_number, words)
         if low > high:
             raise ModelError(
                 f"{path}: joint {_name(joint)!r}: its lower limit {low:g} lies above its upper one {high:g}"
             )
+
+
+def _moments(root: Element) -> list[tuple[Element, str | None]]:
+    """Return the links of a URDF or SDF with their moments of inertia; an MJCF's are checked where it is parsed."""
+    return [
+        (link, one.get(name) or one.findtext(name))
+        for link in root.iter("link")
+        for one in link.findall("inertial/inertia")
+        for name in _MOMENTS
+    ]
 
 
 def _urdf(root: Element) -> Told:
