@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.errors import LogError
+from twin_diagram.errors import LogError, expect_path
 from twin_diagram.logs.column_map import column_map
 from twin_diagram.logs.measured_log import SIGNALS, Log
 from twin_diagram.signals.arrays import Array
@@ -64,6 +64,7 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
             finite; a signal that lacks a joint; time that does not rise. The message names column and line. A joint
             that has no torque where others have is left out, with a note.
     """
+    expect_path(path, "log", "a measured log")
     path, stream = _parted(Path(path))
     suffix = path.suffix.lower()
     if columns is not None:

@@ -40,6 +40,26 @@ def test_negative_masses_and_turned_limits(
     assert all(word in str(refused.value) for word in [name, *words]), refused.value
 
 
+@pytest.mark.parametrize(("name", "text", "moment"), [("it.urdf", URDF, 'ixx="'), ("it.sdf", SDF, "<ixx>")])
+def test_negative_moments_of_inertia(tmp_path: Path, name: str, text: str, moment: str) -> None:
+    """Such as programs round zeros to are left alone."""
+    path = tmp_path / name
+    for value in ("-0.1", "-5e-8"):
+        path.write_text(text.format(mass="1", lower="-1").replace(f"{moment}1", f"{moment}{value}"))
+        if value == "-5e-8":
+            assert Model.load(path).joints == ("shoulder",)
+            continue
+        with pytest.raises(ModelError, match=r"'upper': a moment of -0\.1 kg"):
+            Model.load(path)
+
+
+def test_negative_moments_of_an_mjcf_are_refused_where_it_is_parsed(tmp_path: Path) -> None:
+    path = tmp_path / "it.xml"
+    path.write_text(MJCF.format(mass="1", lower="-1").replace('diaginertia="1', 'diaginertia="-1'))
+    with pytest.raises(ModelError, match=r"it\.xml"):
+        Model.load(path)
+
+
 @pytest.mark.parametrize(("name", "text"), KINDS)
 @pytest.mark.parametrize(
     ("mass", "lower", "words"), [("1,5", "-1", ["'upper'", "1.5"]), ("1", "-,7", ["'shoulder'", "-.7"])]

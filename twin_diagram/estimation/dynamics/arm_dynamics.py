@@ -19,7 +19,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces, PrismaticJoint, SpatialInertia, UnitInertia
 from pydrake.systems.framework import Context
 
-from twin_diagram.errors import ModelError
+from twin_diagram.errors import ModelError, expect
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
@@ -96,6 +96,7 @@ class ArmTerms:
             ModelError: a plant that is not finalized, a name that it does not have, or a joint of several degrees of
                 freedom.
         """
+        expect(plant, MultibodyPlant, "plant", "a MultibodyPlant (of a Model: ArmTerms.from_model(model))")
         if not plant.is_finalized():
             raise ModelError("the plant is not finalized: call Finalize() before a filter is made for it")
         if tool_frame and not plant.HasFrameNamed(tool_frame):
@@ -158,8 +159,14 @@ class ArmTerms:
         self.set_payload(np.zeros(4))  # as it will be set ever after: rounding must not depend on what came before
 
     @staticmethod
+    def of(arm: ArmTerms | Model) -> ArmTerms:
+        """Return an arm's terms: those that are given, or those of a model; raises ArgumentError for anything else."""
+        return arm if isinstance(arm, ArmTerms) else ArmTerms.from_model(arm)
+
+    @staticmethod
     def from_model(model: Model) -> ArmTerms:
         """Return the terms of a twin's model with its effects."""
+        expect(model, Model, "model", "a Model (as Model.load(PATH) returns it; of a plant: ArmTerms(plant, joints))")
         laws = [effect for effect in model.present if not effect.folds]
         smooth = [effect for effect in laws if not effect.dry]
         zero = np.zeros((1, len(model.joints)))

@@ -15,6 +15,7 @@ from twin_diagram.estimation.filter.belief import Belief
 from twin_diagram.estimation.filter.delayed_measurements import History
 from twin_diagram.estimation.filter.sensor_registry import Declared, FilterError
 from twin_diagram.estimation.sensors import Instant, JointEncoder, JointState, JointVelocity, Linear, Sensor
+from twin_diagram.model.model import Model
 from twin_diagram.scenario import Filter
 from twin_diagram.scenario.validation import check_filter
 from twin_diagram.signals.arrays import Array
@@ -56,16 +57,22 @@ class Core:
     belief: Belief
     history: History
 
-    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+    def __init__(self, terms: ArmTerms | Model, params: Filter) -> None:
         """Make the parts.
 
+        Args:
+            terms: the arm; of a model they are worked out.
+            params: tuning.
+
         Raises:
+            ArgumentError: something else than these.
             ScenarioError: a parameter or a rule that does not exist, or a figure that cannot be.
         """
         check_filter(params)
         if params.rule not in ("covariance", "gradient"):
             raise ScenarioError("twin.filter.rule", f"{params.rule!r} is neither 'covariance' nor 'gradient'")
-        self.terms, self.params = terms, params
+        self.terms = terms = ArmTerms.of(terms)
+        self.params = params
         self.parameters = ParameterSet(terms, params)
         self.encoder = JointEncoder(terms.n, params.encoder_std)
         self.velocity = JointVelocity(terms.n, params.velocity_std)

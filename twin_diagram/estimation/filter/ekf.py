@@ -36,6 +36,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin_diagram.errors import expect
 from twin_diagram.estimation.filter.arm_messages import TUNING as ARM_MESSAGES
 from twin_diagram.estimation.filter.arm_messages import (
     Course,
@@ -76,6 +77,7 @@ class Ekf(Core):
         Raises:
             FilterError: a sensor of that name is there already.
         """
+        expect(sensor, Sensor, "sensor", "a Sensor (of twin_diagram.estimation.sensors, or a subclass)")
         if sensor.name in self.own:
             raise FilterError(f"a sensor {sensor.name!r} is declared already: give each a name of its own")
         before, start = self.belief, 3 * self.terms.n + self.parameters.size

@@ -5,6 +5,7 @@ The model and every station add their arm with `add_arm`, so that both mean the 
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -29,7 +30,7 @@ from pydrake.multibody.tree import (
 )
 
 from twin_diagram import scenario
-from twin_diagram.errors import ModelError, ScenarioError
+from twin_diagram.errors import ModelError, ScenarioError, expect
 from twin_diagram.model.description import foreign, impossible, parser_warnings, unparsed
 from twin_diagram.scenario import resources
 from twin_diagram.scenario.poses import pose
@@ -120,6 +121,7 @@ def resolve(
     Raises:
         ModelError: no such file, or a folder without a readable `effects.yaml`.
     """
+    expect(spec, (str, os.PathLike, scenario.ArmModel), "model", "the path of a URDF, SDF or MJCF file, or an ArmModel")
     if not isinstance(spec, scenario.ArmModel):
         spec = scenario.ArmModel(model=str(spec), tool_frame="")
     name = spec.model

@@ -1,7 +1,7 @@
 """Refuses what no arm can have, and what would be read as something else.
 
-Drake takes a negative mass for a positive one, ends the program at some limits, and of a number with a decimal comma
-reads what stands before it.
+Drake takes a negative mass for a positive one, warns of a negative moment of inertia among a hundred other things, ends
+the program at some limits, and of a number with a decimal comma reads what stands before it.
 """
 
 from __future__ import annotations
@@ -18,6 +18,11 @@ from twin_diagram.model.description import unparsed
 Told = tuple[Sequence[tuple[Element, str | None]], Sequence[tuple[Element, str | None, str | None]]]
 """Links with their masses, joints with their lower and upper limits."""
 
+ROUNDING = 1e-6
+"""So far below zero a moment of inertia may be [kg·m²]: descriptions made by programs hold zeros rounded to less."""
+_MOMENTS = ("ixx", "iyy", "izz")
+"""About the axes: as attributes and as elements."""
+
 
 _COMMA = re.compile(r"[-+]?\d*,\d+")
 """A number as exporters write it where their system's language has decimal commas."""
@@ -26,7 +31,7 @@ _NO_NUMBERS = frozenset({"name", "filename", "file", "uri", "link", "parent", "c
 
 
 def refuse_impossible(path: Path) -> None:
-    """Refuse a URDF, SDF or MJCF with a negative mass, a decimal comma, or a lower limit above its upper one.
+    """Refuse a URDF, SDF or MJCF with negative masses or moments, decimal commas, or a lower limit above its upper one.
 
     Numbers that are none are left to the parser, which names them.
 
@@ -45,6 +50,9 @@ def refuse_impossible(path: Path) -> None:
     for link, word in masses:
         if (mass := _number(word)) < 0:
             raise ModelError(f"{path}: link {_name(link)!r}: a mass of {mass:g} kg; it cannot be negative")
+    for link, word in _moments(root):
+        if (moment := _number(word)) < -ROUNDING:
+            raise ModelError(f"{path}: link {_name(link)!r}: a moment of {moment:g} kg·m²; it cannot be negative")
     for joint, *words in limits:
         low, high = map(_number, words)
         if low > high:
@@ -62,6 +70,16 @@ def _refuse_commas(path: Path, element: Element, owner: str = "") -> None:
             raise ModelError(f"{path}: {owner}: {key} is {comma}; write a point, {comma.replace(',', '.')}")
     for child in element:
         _refuse_commas(path, child, owner)
+
+
+def _moments(root: Element) -> list[tuple[Element, str | None]]:
+    """Return the links of a URDF or SDF with their moments of inertia; an MJCF's are checked where it is parsed."""
+    return [
+        (link, one.get(name) or one.findtext(name))
+        for link in root.iter("link")
+        for one in link.findall("inertial/inertia")
+        for name in _MOMENTS
+    ]
 
 
 def _urdf(root: Element) -> Told:
