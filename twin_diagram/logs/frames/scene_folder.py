@@ -72,6 +72,7 @@ class FrameFolder:
 
     Attributes:
         numbers: of the frames, ascending.
+        times: of the frames, rising [s].
         posed: whether the frames say where their cameras were; else W is the first camera's frame, and the camera
             stands.
         calibration: RMS errors of what is told of the cameras; None where that is not told.
@@ -103,7 +104,7 @@ class FrameFolder:
         self._poses = {number: self._pose(number) for number in self.numbers}
         self._intrinsics = {number: self._matrix(number) for number in self.numbers}
         self._scales = {number: self._scale(number) for number in self.numbers}
-        self._times = self._read_times()
+        self.times = self._read_times()
         self._extra = read_extra(self.folder)
         self.calibration = self._extra.calibration
         self._sizes: dict[str, tuple[int, ...]] = {}
@@ -142,7 +143,7 @@ class FrameFolder:
         fx, fy, cx, cy = self._intrinsics[number]
         colour = ViewCamera(width, height, fx, fy, cx, cy, *self._poses[number])
         extra: ExtraCamera = self._extra
-        time = self._times[index]
+        time = self.times[index]
         camera = extra.depth_camera(colour, depth.shape)
         return RgbdFrame(
             number,

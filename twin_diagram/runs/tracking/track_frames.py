@@ -82,8 +82,8 @@ def track_frames(
     told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
     tracker = ObjectTracker(assets, PERCEPTION, grows=grow is not None)
     grown = None if grow is None else GrownAssets(grow, tracker, assets, numbers, say)
-    rows, lines = list[list[str]](), list[str]()
-    seen_by: dict[int, ViewCamera] = {}
+    rows, lines, seen_by = list[list[str]](), list[str](), dict[int, ViewCamera]()
+    zero = min(0.0, folder.times[0])  # to the tracker, what was before 0 was never
     base: TableFrame | None = None
     first: Pinhole | None = None
     noise, doubt = DepthSigma(), CalibrationError()
@@ -98,9 +98,9 @@ def track_frames(
                 lines.append(json.dumps({"frame": frame.number, "time": frame.time, "objects": []}))
                 continue
             base, noise, doubt = _begun(folder, frame, depth, camera, say)
-            _start(tracker, told, base.camera(first), frame.time - 1e-3)
+            _start(tracker, told, base.camera(first), frame.time - zero - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
-        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION, in_a_room=True))
+        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time - zero, grid, PERCEPTION, in_a_room=True))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         seen_by |= {one.track: frame.colour for one in found if one.found}
         lines.append(json.dumps(_line(frame, found, base, doubt, seen_by)))
@@ -265,7 +265,8 @@ def _row(
     R, t = R_TC.T @ one.R, R_TC.T @ (one.p - p_TC) * 1000.0
     assert one.asset is not None
     said = [" ".join(f"{x:.9g}" for x in values) for values in (R.ravel(), t)]
-    return ["0", str(frame.number), str(numbers[one.asset]), f"{one.probability:.6g}", *said, f"{frame.time:.9g}"]
+    time = f"{frame.time:.9f}".rstrip("0").rstrip(".")  # of a clock that counts from 1970, too
+    return ["0", str(frame.number), str(numbers[one.asset]), f"{one.probability:.6g}", *said, time]
 
 
 def _hypothesis(one: PoseHypothesis, base: TableFrame, probability: float) -> dict[str, Any]:
