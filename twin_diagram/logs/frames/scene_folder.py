@@ -239,13 +239,16 @@ class FrameFolder:
 
 
 def read_mask(path: Path, size: tuple[int, ...] | None = None) -> Mask:
-    """Return (h, w), where an image is not black.
+    """Return (h, w), where an image is not black; of one that is cut out, where that is not transparent.
 
     Raises:
         FramesError: not readable, empty, full, or not of `size` (h, w) where one is told.
     """
     image = read_image(path, cv2.IMREAD_UNCHANGED)
-    mask = image.reshape(*image.shape[:2], -1).max(axis=-1) > 0
+    layers = image.reshape(*image.shape[:2], -1)
+    if layers.shape[2] == 4 and np.ptp(layers[..., 3]) == 0:  # opaque all over
+        layers = layers[..., :3]
+    mask = layers.max(axis=-1) > 0
     if not mask.any():
         raise FramesError(f"{path}: the mask is empty")
     if mask.all():
