@@ -77,7 +77,7 @@ def track_frames(
         AssetError, FramesError: names file and value; nothing is written.
     """
     _check_told(out, grow, seed)
-    folder = FrameFolder(frames)
+    folder = FrameFolder(frames, masked=False)
     assets, numbers = _library(library, say, grow)
     told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
     tracker = ObjectTracker(assets, PERCEPTION, grows=grow is not None)
