@@ -45,9 +45,16 @@ def add_sight(
 ) -> Sight | None:
     """Add what leads from the cameras to the scene; without a camera, what says that nothing was seen."""
     cameras = list(twin.perceiving.values())
+    state = ekf.GetOutputPort("arm_state").size()
+    if not cameras and own is not None:  # poses from elsewhere, markers for example
+        needed = {"object_poses": MEASUREMENT_SIZE * len(library), "image_time": 1}
+        check("perception", own, {"arm_state": state}, needed, {})
+        builder.AddNamedSystem("perception", own)
+        connect_ports(builder, ekf, own, *inputs_of(own, ("arm_state",)))
+        connect_ports(builder, own, updater, "image_time")
+        _tell_of_sight(builder, own, updater, health, moves, runner, monitor)
+        return None
     if not cameras:
-        if own is not None:
-            raise TwinError("perception: the twin has no camera for it: twin.camera is null")
         blind = builder.AddNamedSystem("no_camera", ConstantVectorSource(np.array([NEVER])))
         nothing = builder.AddNamedSystem("no_poses", ConstantVectorSource(np.zeros(MEASUREMENT_SIZE * len(library))))
         builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
@@ -68,7 +75,6 @@ def add_sight(
         builder.AddNamedSystem("icp_pose_estimator", last)
     else:
         images = {"rgb_image": VALUE, "depth_image": VALUE, "image_time": 1}
-        state = ekf.GetOutputPort("arm_state").size()
         check("perception", own, {**images, "arm_state": state}, {"object_poses": MEASUREMENT_SIZE * len(library)}, {})
         first = last = own
     builder.AddNamedSystem("perception", first)
