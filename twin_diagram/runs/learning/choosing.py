@@ -21,9 +21,9 @@ class Tuning:
     opened: tuple[float, ...] = (1.0, 0.7, 0.45)
     """Shares of their way by which fingers are open, as they are tried: 11.5, 8 and 5.5 cm of a WSG-50."""
 
-    upright: float = 0.9
-    """Least share of an approach that goes downwards where they are not opened all the way: the hand is over the walls
-    then."""
+    upright: float = 0.95
+    """Least share of an approach that goes downwards where they are not opened all the way: wrist and arm, which may
+    come as near to walls as fingers then (`reach_of`), are above them."""
 
 
 TUNING = Tuning()
