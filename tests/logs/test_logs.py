@@ -182,16 +182,16 @@ def test_angles_that_jump_by_a_turn_go_on() -> None:
     high = replace(log, position=log.position + np.pi - log.position[:1])  # starts at half a turn, and crosses it
     wrapped = replace(high, position=(high.position + np.pi) % (2.0 * np.pi) - np.pi, position_commanded=high.position)
     assert np.any(np.abs(np.diff(wrapped.position, axis=0)) > np.pi)
-    whole, (warning,) = unwrapped(wrapped, MODEL.limits)
+    whole, (warning,) = unwrapped(wrapped, MODEL.limits.revolute)
     assert warning.code == "wrapped" and "jumps by a turn" in warning.message
     moved = whole.position - whole.position[0]
     np.testing.assert_allclose(moved, high.position - high.position[0], atol=1e-9)
     assert whole.position_commanded is not None
     assert fingerprint(whole) == fingerprint(wrapped)
-    assert unwrapped(log, MODEL.limits) == (log, [])
+    assert unwrapped(log, MODEL.limits.revolute) == (log, [])
     lost = log.position.copy()
     lost[50, 2] -= 5.0  # a dropped sample is no turn
-    assert unwrapped(replace(log, position=lost), MODEL.limits)[1] == []
+    assert unwrapped(replace(log, position=lost), MODEL.limits.revolute)[1] == []
 
 
 @pytest.mark.parametrize("message", BAD_TEXT)

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from twin_diagram.logs.checking import LogWarning
 from twin_diagram.logs.fingerprint import fingerprint
-from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.signals.arrays import Array
 
@@ -25,7 +24,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-def unwrapped(log: Log, arm: JointLimits) -> tuple[Log, list[LogWarning]]:
+def unwrapped(log: Log, revolute: npt.NDArray[np.bool_]) -> tuple[Log, list[LogWarning]]:
     """Return the log with angles that go on where they jumped by a turn, and what was done; itself where none does.
 
     A step of nearly a whole turn from one sample to the next is no motion of an arm. Which turn a run begins in is not
@@ -33,9 +32,9 @@ def unwrapped(log: Log, arm: JointLimits) -> tuple[Log, list[LogWarning]]:
 
     Args:
         log: checked, with the arm's joints in the arm's order.
-        arm: says which of them are revolute.
+        revolute: (n,) which of them turn.
     """
-    jumps = np.any(_turns(log.position) != 0.0, axis=0) & arm.revolute
+    jumps = np.any(_turns(log.position) != 0.0, axis=0) & revolute
     if not np.any(jumps):
         return log, []
     whole = replace(

@@ -243,7 +243,7 @@ def as_explained(model: Model, log: Log, constants: TorqueConstants | None = Non
     """
     log = log if constants is None else constants.applied(log, model.joints)
     warnings = check(log, model.limits)
-    own, wrapped = unwrapped(log.select(model.joints), model.limits)
+    own, wrapped = unwrapped(log.select(model.joints), model.limits.revolute)
     return own, warnings + wrapped
 
 

@@ -222,6 +222,22 @@ def test_a_bare_log_is_played_from_its_first_sample(tmp_path: Path) -> None:
     assert np.array_equal(read(ports.GRIPPER_MEASURED, 0.1), np.zeros(4))
 
 
+def test_an_encoder_of_one_turn_costs_no_jump(tmp_path: Path) -> None:
+    whole = np.pi + 0.4 * np.sin(30.0 * 0.004 * np.arange(50))
+    wrapped = (whole + np.pi) % (2.0 * np.pi) - np.pi
+    assert np.any(np.abs(np.diff(wrapped)) > 6.0)
+    station = make_station(replaying(write_csv(tmp_path / "log.csv", **{f"position_measured.{JOINTS[6]}": wrapped})))
+    context = station.CreateDefaultContext()
+    shown = []
+    for k in range(1, 50):
+        context.SetTime(0.004 * k + 0.001)
+        names = ports.POSITION_MEASURED, ports.VELOCITY_ESTIMATED
+        shown.append([station.GetOutputPort(name).Eval(context)[6] for name in names])
+    position, velocity = np.array(shown).T
+    assert np.allclose(position - wrapped[0], whole[1:] - whole[0], atol=1e-9)
+    assert np.allclose(velocity, np.diff(whole) / 0.004, atol=1e-6)
+
+
 def test_a_log_without_the_arms_joints_is_refused(tmp_path: Path) -> None:
     lacking = {f"{signal}_measured.panda_joint3": None for signal in ("position", "torque")}
     with pytest.raises(LogError, match=r"replay\.log: .*panda_joint3"):

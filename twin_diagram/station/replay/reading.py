@@ -262,21 +262,23 @@ def recorded_until(folder: Path) -> float:
     return float(max(ends))
 
 
-def read_log(path: Path, joints: Sequence[str], columns: str = "") -> Messages:
+def read_log(path: Path, joints: Sequence[str], revolute: npt.NDArray[np.bool_], columns: str = "") -> Messages:
     """Return a measured log in the project's format, its times counted from its first sample.
 
-    Where it has no `velocity_estimated`, that is the backward difference of positions.
+    Angles go on where they jump by a turn. Where it has no `velocity_estimated`, that is the backward difference of
+    positions.
 
     Args:
         path: CSV or .npz.
-        joints: of the twin's arm, all of which must be in it.
+        joints: of the twin's arm, all of which must be in it; n is their number.
+        revolute: (n,) which of them turn.
         columns: what a foreign log's columns mean, as `twin_diagram.logs.read_log` takes it; empty: nothing to say.
 
     Raises:
         LogError: see `twin_diagram.logs.read_log`; a joint or the torque is missing.
     """
     try:
-        log = logs.read_log(path, columns or None).select(joints)
+        log, _ = logs.unwrapped(logs.read_log(path, columns or None).select(joints), revolute)
         torque = log.motor_torque
     except LogError as error:
         raise LogError(f"replay.log: {error}") from error

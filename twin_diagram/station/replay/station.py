@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from pydrake.common.value import Value
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
@@ -202,8 +203,8 @@ class ReplayArmStation(Diagram):
         - <lidar>.lidar_time
 
     A recording's folder shows everything at the times at which the live station showed it, bit for bit. A bare log's
-    times are counted from its first sample, and each sample stands from its own time on; it has no images. Reads
-    `twin` and `replay` of the scenario, never `world`.
+    times are counted from its first sample, and each sample stands from its own time on; angles that jump by a turn go
+    on, and it has no images. Reads `twin` and `replay` of the scenario, never `world`.
 
     Attributes:
         end: time of the last message [s].
@@ -220,7 +221,8 @@ class ReplayArmStation(Diagram):
         """
         super().__init__()
         path = _existing(scenario.replay.log)
-        arm = twin_arm(scenario)
+        plant = MultibodyPlant(0.0)
+        arm = twin_arm(scenario, plant)
         camera = ports.only_camera(scenario.twin, "the replay station plays")
         folder = place_of(path) if path.is_dir() else None
         sensors: dict[str, Readings] = {}
@@ -232,7 +234,8 @@ class ReplayArmStation(Diagram):
             sensors = read_sensors(folder, manifest)
             scans = read_scans(folder, manifest, scenario.twin.lidar)
         else:
-            messages = read_log(path, arm.joints, scenario.replay.columns)
+            revolute = ~np.isin(arm.joints, list(arm.prismatic(plant)))
+            messages = read_log(path, arm.joints, revolute, scenario.replay.columns)
             frames = read_frames(path.parent, None, camera)
         self.end = float(messages.delivery[-1])
         n, g = len(arm.joints), len(arm.gripper_joints)
