@@ -251,6 +251,34 @@ def test_without_a_table_all_that_is_seen_stands(library: Path, taken: Shots, tm
     assert len(lines(tmp_path / "out")) == 2
 
 
+def test_frames_without_depth_come_before_the_first_that_counts(
+    library: Path, taken: Shots, tracked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Cameras begin with empty pictures: of these no table was found, nor anything after them."""
+    specks = np.zeros_like(taken.frames[0].depth)
+    specks[100, 100:120] = 0.7
+    begun = ["--init", str(tracked / "poses.csv")]
+    for k, (depth, more) in enumerate(((0.0 * specks, []), (specks, begun))):
+        shown = Shots([replace(taken.frames[0], depth=depth), taken.frames[1]])
+        assert track(library, folder_of(shown, tmp_path / f"frames{k}"), tmp_path / f"out{k}", *more) == 0
+        none, line = lines(tmp_path / f"out{k}")
+        assert none == {"frame": 0, "time": 0.0, "objects": []}
+        np.testing.assert_allclose(of(line, "brick")["p_WO"][:2], [STEP - 0.04, 0.02], atol=2e-3)
+        assert "begins at frame 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("begin", [-100.0, 1.7e9])
+def test_times_may_begin_anywhere(begin: float, library: Path, taken: Shots, tracked: Path, tmp_path: Path) -> None:
+    """What was before 0 passed for never seen, and of a clock that counts from 1970 the table lost the fractions."""
+    moved = Shots([replace(frame, time=frame.time + begin) for frame in taken.frames[:2]])
+    assert track(library, folder_of(moved, tmp_path / "frames"), tmp_path / "out") == 0
+    told = [float(line.split(",")[-1]) for line in (tmp_path / "out" / "poses.csv").read_text().splitlines()[1:]]
+    np.testing.assert_allclose(np.array(told) - begin, [0.0, 1 / 15], atol=1e-6)
+    for here, there in zip(lines(tmp_path / "out"), lines(tracked)[:2], strict=True):
+        assert here["time"] == pytest.approx(there["time"] + begin, abs=1e-6)
+        np.testing.assert_allclose(of(here, "brick")["p_WO"], of(there, "brick")["p_WO"], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("K", "said"),
     [
