@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -196,7 +197,21 @@ class ObjectTracker:
         del self.growing[identity]
 
     def observe(self, segments: Segments) -> list[TrackedObject]:
-        """Return what is known of all objects after a frame; those never seen are left out."""
+        """Return what is known of all objects after a frame; those never seen are left out.
+
+        Where the first one tells of a coloured light, it is looked at anew without: things were taken for others in it.
+        """
+        if self._seen_any:
+            return self._observed(segments)
+        before = deepcopy({name: value for name, value in vars(self).items() if name != "_told"})
+        found = self._observed(segments)
+        if not self._tint.any():
+            return found
+        vars(self).update(before | {"_tint": self._tint})
+        return self._observed(segments)
+
+    def _observed(self, segments: Segments) -> list[TrackedObject]:
+        """Look at a frame, in white light as far as it is known."""
         if not self._seen_any:
             aside = TUNING.aside * segments.camera.width / 640
             self._beside = replace(self._beside, shift=ColourShift.told(aside))
