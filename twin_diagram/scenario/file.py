@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import difflib
+import logging
 import os
 import re
 import reprlib
@@ -30,7 +31,16 @@ STATIONS = ("sim", "replay", "lcm")
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does."""
+    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does, and refuses a field that stands there twice."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        keys: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value in keys:
+                raise yaml.MarkedYAMLError(problem=f"{key.value!r} stands there twice", problem_mark=key.start_mark)
+            keys.add(str(key.value))
+        return node
 
 
 class _Dumper(yaml.SafeDumper):
@@ -67,6 +77,7 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
         raise ScenarioError(str(file), f"cannot be read: {error.strerror}") from error
     data = _read(text, str(file))
     if data is None:
+        logging.getLogger("twin_diagram").warning("%s is empty: every field is at its default", file)
         data = {}
     if not isinstance(data, dict):
         raise ScenarioError(str(file), f"a scenario is a mapping of fields, this is a {type(data).__name__}")
@@ -94,6 +105,8 @@ def find_scenario(path: str | Path) -> Path:
         # Not Path.is_file, which raises for names that no file can have.
         if os.path.isfile(candidate):
             return candidate.resolve()
+    if os.path.isdir(given):
+        raise ScenarioError(str(path), "is a folder; a scenario is one YAML file")
     known = sorted(p.stem for p in (models_dir() / "scenarios").glob("*.yaml"))
     raise ScenarioError(str(path), f"no such scenario file; those that come along: {', '.join(known) or 'none'}")
 
