@@ -115,15 +115,6 @@ def test_an_empty_file_loads_and_is_told_of(tmp_path: Path, caplog: pytest.LogCa
     assert "empty.yaml is empty" in caplog.text
 
 
-def test_a_field_that_stands_there_twice_is_named_with_its_line(tmp_path: Path) -> None:
-    file = tmp_path / "twice.yaml"
-    file.write_text("duration: 3\ntwin:\n  filter: {rate: 100}\n  filter: {rate: 200}\n")
-    with pytest.raises(ScenarioError, match=r"line 4 is not YAML: 'filter' stands there twice"):
-        load_scenario(file)
-    file.write_text("twin:\n  planner: {rate: 10}\n  filter: {rate: 100}\n")  # the same name at two places
-    assert load_scenario(file).twin.filter.rate == 100.0
-
-
 def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="is a folder"):
         load_scenario(tmp_path)
@@ -418,6 +409,8 @@ def test_a_scenario_that_comes_along_is_found_by_name() -> None:
         ("? [1]\n: 2\n{", 3),
         ("seed: *unknown\n", 1),
         ("seed: !!python/object:os.system x\n", 1),
+        ("twin:\n  home: [1.0]\nseed: 1\ntwin:\n  filter: {rate: 100}\n", 4),
+        ("twin:\n  filter: {rate: 100,\n    rate: 200}\n", 3),
     ],
 )
 def test_broken_yaml_names_file_and_line(tmp_path: Path, text: str, line: int) -> None:

@@ -272,7 +272,7 @@ def _quickly(path: Path, width: int) -> Array | None:
 def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
     """Return those of the wanted columns that a foreign CSV file has; what else stands in it may be text.
 
-    Cells are separated by commas, semicolons, tabs or spaces, whichever the first line shows.
+    Cells are separated by commas, semicolons, tabs or spaces, whichever the first line shows; that may begin with `#`.
 
     Raises:
         LogError: as `read_log`.
@@ -283,6 +283,7 @@ def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
         raise _no_text(path) from error
     if not lines or not lines[0].strip():
         raise LogError(f"{path}: is empty; its first line must name the columns")
+    lines[0] = lines[0].lstrip("# ")
     mark = next((mark for mark in ",;\t" if mark in lines[0]), "")
     parted = csv.reader(lines, delimiter=mark, skipinitialspace=True) if mark else [line.split() for line in lines]
     rows = [[cell.strip() for cell in row] for row in parted]

@@ -31,15 +31,20 @@ STATIONS = ("sim", "replay", "lcm")
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does, and refuses a field that stands there twice."""
+    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does, and no field twice: the first would be lost."""
 
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        """Return a mapping's node.
+
+        Raises:
+            YAMLError: one of its keys is there twice.
+        """
         node = super().compose_mapping_node(anchor)
-        keys: set[str] = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode) and key.value in keys:
-                raise yaml.MarkedYAMLError(problem=f"{key.value!r} stands there twice", problem_mark=key.start_mark)
-            keys.add(str(key.value))
+        known: set[str] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode) and key.value != "<<"):
+            if key.value in known:
+                raise yaml.MarkedYAMLError(problem=f"{key.value} is there twice", problem_mark=key.start_mark)
+            known.add(key.value)
         return node
 
 
@@ -229,7 +234,7 @@ def _shown(value: Any) -> str:
 
 
 def _check(value: Any, schema: Any, name: str) -> None:
-    """Hold plain YAML data against a schema of dataclasses and raises with the dotted name of what does not fit."""
+    """Hold plain YAML data against a schema of dataclasses and raise with the dotted name of what does not fit."""
     origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     shown = name or "scenario"
     if origin in (typing.Union, types.UnionType):

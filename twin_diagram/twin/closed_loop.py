@@ -43,7 +43,7 @@ def make_closed_loop(
     controller: System | None = None,
     perception: System | None = None,
 ) -> ClosedLoop:
-    """Build the station that a scenario asks for and the twin, and connects each port to its namesake.
+    """Build the station that a scenario asks for and the twin, and connect each port to its namesake.
 
     Args:
         plan: the scenario.
@@ -73,7 +73,7 @@ def make_closed_loop(
 
 
 def connect(builder: DiagramBuilder, station: System, twin: TwinDiagram) -> None:
-    """Add a station and the twin to `builder` and connects namesakes; nothing of ``truth.*`` is connected.
+    """Add a station and the twin to `builder` and connect namesakes; nothing of ``truth.*`` is connected.
 
     Sensors that the filter fuses and that the station does not have are silent.
     """

@@ -61,6 +61,27 @@ def test_negative_moments_of_an_mjcf_are_refused_where_it_is_parsed(tmp_path: Pa
 
 
 @pytest.mark.parametrize(("name", "text"), KINDS)
+@pytest.mark.parametrize(
+    ("mass", "lower", "words"), [("1,5", "-1", ["'upper'", "1.5"]), ("1", "-,7", ["'shoulder'", "-.7"])]
+)
+def test_decimal_commas_of_which_drake_reads_the_whole_number_alone(
+    tmp_path: Path, name: str, text: str, mass: str, lower: str, words: list[str]
+) -> None:
+    path = tmp_path / name
+    path.write_text(text.format(mass=mass, lower=lower))
+    with pytest.raises(ModelError) as refused:
+        Model.load(path)
+    assert all(word in str(refused.value) for word in [name, "write a point", *words]), refused.value
+
+
+def test_what_drake_says_of_mjcf_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "it.xml"
+    path.write_text(MJCF.format(mass="1", lower="-1 -1"))
+    with pytest.raises(ModelError, match="range"):
+        Model.load(path)
+
+
+@pytest.mark.parametrize(("name", "text"), KINDS)
 def test_what_can_be_is_left_alone(tmp_path: Path, name: str, text: str) -> None:
     path = tmp_path / name
     path.write_text(text.format(mass="1", lower="-1"))

@@ -49,7 +49,7 @@ class Tuning:
     """
 
     settling: float = 0.25
-    """Parameters have settled when they change by less than `SETTLED` of their prior's deviation in this time [s]."""
+    """Parameters have settled when they change by less than `settled` of their prior's deviation in this time [s]."""
 
     settled: float = 0.05
     """Share of its prior's deviation by which a parameter that has settled still changes in that time."""
@@ -75,8 +75,8 @@ class Monitor:
         state: all that it knows.
         vector: the same as one vector.
         header: by `DriftEntry`.
-        log: (RING, 3) time, kind and statistic of each alarm.
-        evidence: (RING, len(Evidence) + n) of each alarm, by `Evidence`, then each joint's share of the change, in
+        log: (ring, 3) time, kind and statistic of each alarm.
+        evidence: (ring, len(Evidence) + n) of each alarm, by `Evidence`, then each joint's share of the change, in
             standard deviations.
         sensors: names of the further sensors that are cross-checked.
     """

@@ -50,8 +50,11 @@ class Tuning:
     """Where the model names no effort limit: enough for twice the largest weight and for this acceleration [rad/s²]."""
 
     largest_com: float = 0.5
-    """A payload's centre lies within this distance of the last link's origin [m]; beyond it, its inertia is cut to
-    this."""
+    """A payload's centre lies within this distance of the last link's origin [m], or `beyond_tool` times the tool's,
+    where that is more; one that is said to lie farther off counts as there."""
+
+    beyond_tool: float = 2.0
+    """Times the tool's distance: large arms carry what is farther off."""
 
 
 TUNING = Tuning()
@@ -147,6 +150,7 @@ class ArmTerms:
         tool = self.plant.GetFrameByName(tool_frame) if tool_frame else self._link_frame
         X_WL = self._link_frame.CalcPoseInWorld(self._context)
         self.tool: Array = (X_WL.inverse() @ tool.CalcPoseInWorld(self._context)).translation().copy()
+        self._farthest = max(TUNING.largest_com, TUNING.beyond_tool * float(np.linalg.norm(self.tool)))
         inertia = self._link.CalcSpatialInertiaInBodyFrame(self._context)
         self._mass0 = inertia.get_mass()
         self._moment0 = inertia.CalcComMoment()
@@ -231,8 +235,8 @@ class ArmTerms:
         if mass > 0.0:
             centre = payload[1:4] / mass
             reach = float(np.linalg.norm(centre))
-            if reach > TUNING.largest_com:
-                centre = centre * (TUNING.largest_com / reach)
+            if reach > self._farthest:
+                centre = centre * (self._farthest / reach)
         total = max(self._mass0 + mass, np.finfo(float).tiny)
         inertia = self._inertia0 + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         centre = (self._moment0 + mass * centre) / total

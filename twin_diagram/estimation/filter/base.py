@@ -47,7 +47,8 @@ class Core:
         own: the arm's own sensors by name.
         period: of the filter [s].
         F: (N, N) scratch: derivative of the newest prediction.
-        by_torque: (2n, n) of [q, v] by torque over the newest prediction; None before the first.
+        by_torque: (2n, n) of [q, v] by torque over the newest prediction; None before the first of this belief:
+            the other scratch may then be of another's.
         wander: (n,) variance of the disturbance of a joint that slides, as given [N²·m²].
         creep: (n,) variance of the torque that friction may bring to joints that creep, over the newest step [N²·m²].
         step_mass: (n, n) mass matrix of the newest prediction [kg·m²].
@@ -143,9 +144,16 @@ class Core:
             return 0.0
         n = self.terms.n
         mass = 3 * n + self.parameters.payload.start
-        J = self._last.jacobian(self.terms.true_position(x[:n]))[2][3:]
-        swing = solve_positive(self.step_mass, J.T @ J)
+        J = self._last.jacobian(x[:n])[2][3:]
+        swing = solve_positive(self._mass(), J.T @ J)
         return 3.0 * float(P[mass, mass]) * (swing @ (by_state @ P @ by_state.T + noise) @ swing.T)
+
+    def _mass(self) -> Array:
+        """Return the mass matrix (n, n) of the newest prediction, or of the state before the first."""
+        if self.by_torque is not None:
+            return self.step_mass
+        self.terms.set_payload(self.parameters.payload_of(self.belief.model))
+        return self.terms.mass_matrix(self.terms.true_position(self.belief.q))
 
     def bound(self) -> None:
         """Bound the covariance: no angle is less certain than a turn, no speed than twice its limit, even blind.

@@ -252,7 +252,7 @@ def _round_cover(shape: Shape) -> list[tuple[Array, float]]:
 def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
     """Return balls (centre, radius, part) that hold a box of edge lengths `size` about the origin.
 
-    One ball about each cell of a grid, as coarse as the overhang beyond the faces allows, but of `MOST_CELLS` cells
+    One ball about each cell of a grid, as coarse as the overhang beyond the faces allows, but of `Tuning.most_cells`
     at most: the cover of a large box reaches farther beyond it. `part` numbers the pieces along the longest edge.
     """
     size = np.asarray(size, dtype=float)
