@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import difflib
 import logging
 import os
 import re
@@ -21,6 +20,7 @@ import yaml
 from twin_diagram.errors import ScenarioError, expect, expect_path
 from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.field_table import nearest
 from twin_diagram.scenario.resources import models_dir
 
 _brief = reprlib.Repr()
@@ -249,7 +249,7 @@ def _check(value: Any, schema: Any, name: str) -> None:
         for key, sub in value.items():
             dotted = f"{name}.{_key(key)}" if name else _key(key)
             if key not in fields:
-                raise ScenarioError(dotted, f"unknown field{_nearest(str(key), fields)}")
+                raise ScenarioError(dotted, f"unknown field; {nearest(str(key), fields)}")
             _check(sub, fields[key], dotted)
     elif origin is list:
         if not isinstance(value, list):
@@ -302,11 +302,6 @@ def _filled(value: Any, schema: Any, default: Any) -> Any:
 def _key(key: Any) -> str:
     """Return a key as it stands in a dotted name."""
     return key if isinstance(key, str) and key and key.isprintable() else _shown(key)
-
-
-def _nearest(key: str, fields: Mapping[str, Any]) -> str:
-    near = difflib.get_close_matches(key, fields, n=1)
-    return f"; did you mean {near[0]!r}?" if near else f"; it is one of {', '.join(fields)}"
 
 
 def _anchored(scenario: Scenario, folder: Path) -> Scenario:
