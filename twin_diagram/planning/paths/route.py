@@ -301,7 +301,7 @@ class Router:
         return np.zeros((0, len(now.q))) if found is None else found
 
     def lifted(self, q: Array, height: float) -> Array:
-        """Return joint angles (n,) near `q`, of the range that is drawn from, with the tool as much higher [m] as can be."""
+        """Return joint angles (n,) near `q` with the tool so much higher [m], within the range that is drawn from."""
         chain, up = self.scene.chain, -self.scene.chain.gravity_W
         placement = chain.place(q[None])
         goal = chain.tool(placement)[0, :3, 3] + height * up / max(float(np.linalg.norm(up)), 1e-9)
