@@ -140,6 +140,14 @@ def test_what_the_world_says_is_not_read(recorded) -> None:
     assert run(plan) == live
 
 
+def test_a_recording_of_a_replay_is_the_same_again(recorded, tmp_path: Path) -> None:
+    folder, live = recorded
+    plan = replaying(folder)
+    plan.world.camera_defects.depth_unit = 0.3
+    assert run(plan, record=tmp_path / "again") == live
+    assert run(replaying(tmp_path / "again")) == live
+
+
 def test_recording_is_a_readable_log_with_pictures(recorded) -> None:
     folder, _ = recorded
     log = read_log(folder / "log.csv")
