@@ -286,6 +286,18 @@ def test_an_object_that_is_seen_elsewhere_is_not_in_the_hand() -> None:
     assert state.hand.held == NOTHING
 
 
+@pytest.mark.parametrize(("fallen", "outcome"), [(0.02, TaskOutcome.DONE), (0.1, TaskOutcome.FAILED)])
+def test_what_falls_once_it_was_let_go_is_not_said_to_stand_there(fallen: float, outcome: TaskOutcome) -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.OPEN)
+    world.tick()
+    world.X_WO = world.X_WO + np.array([0, 0, 0, 0, 0, 0, -fallen])
+    state = world.run()
+    assert state.outcome is outcome
+    assert state.why is (Why.NONE if outcome is TaskOutcome.DONE else Why.NOT_WHERE_PUT)
+    assert state.hand.held == state.hand.touched == NOTHING, "an obstacle again, wherever it lies"
+
+
 @pytest.mark.parametrize(("off", "turn", "told"), [(0.003, 0.0, 0), (0.012, 0.0, 1), (0.004, 0.3, 1)])
 def test_what_slips_in_the_hand_is_told_once_and_put_where_it_belongs(off: float, turn: float, told: int) -> None:
     world = SmallWorld(PICK_AND_PLACE)

@@ -95,6 +95,10 @@ class Tuning:
     images: int = 4
     """… when so many images running say so."""
 
+    misplaced: float = 0.03
+    """What was let go and is seen so far from its place, in as many images, does not stand there [m]: thrice the usual
+    tolerance; what topples goes farther."""
+
     grip: float = 0.015
     """The point between the fingertips is inside what they hold, or so near it [m]: pads are 20 mm wide."""
 
