@@ -139,6 +139,18 @@ def test_names_may_be_patterns_and_npz_may_be_foreign(tmp_path: Path) -> None:
     assert isinstance(read_log(tmp_path / "own.csv"), Log)
 
 
+@pytest.mark.parametrize("mark", [",", " "])
+def test_the_line_of_names_may_be_a_comment(mark: str, tmp_path: Path) -> None:
+    """As NumPy's `savetxt` writes a header."""
+    t, q, _, tau = motion(2)
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(GOOD))
+    names = mark.join(["time", "q0", "q1", "t0", "t1"])
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t, q, tau]), delimiter=mark, header=names)
+    log = read_log(tmp_path / "a.csv", tmp_path / "map.yaml")
+    np.testing.assert_allclose(log.position, q)
+    np.testing.assert_allclose(log.motor_torque, tau)
+
+
 GOOD: dict[str, Any] = {
     "joints": ["a", "b"],
     "position_measured": {"column": "q{i}"},

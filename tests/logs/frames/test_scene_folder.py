@@ -203,3 +203,9 @@ def test_a_mask_of_the_whole_picture_is_refused(folder: Path) -> None:
     cv2.imwrite(str(path), np.full_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), 255))
     with pytest.raises(FramesError, match="the mask holds the whole picture"):
         FrameFolder(folder).read(0)
+
+
+def test_masks_of_several_things_are_passed_over_where_none_are_asked_for(folder: Path) -> None:
+    shutil.copy(folder / "mask_visib/000001_000000.png", folder / "mask_visib/000001_000001.png")
+    frames = FrameFolder(folder, masked=False)
+    assert not frames.has_masks and frames.read(1).mask is None

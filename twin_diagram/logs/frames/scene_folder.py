@@ -69,6 +69,7 @@ class FrameFolder:
     Args:
         folder: the BOP scene.
         masks: folder of masks; None: its `mask_visib/`, where it has one.
+        masked: whether masks are wanted: without, those of several objects, or of none, are passed over.
 
     Attributes:
         numbers: of the frames, ascending.
@@ -82,7 +83,7 @@ class FrameFolder:
             value.
     """
 
-    def __init__(self, folder: str | Path, masks: str | Path | None = None) -> None:
+    def __init__(self, folder: str | Path, masks: str | Path | None = None, *, masked: bool = True) -> None:
         self.folder = Path(folder)
         if not self.folder.is_dir():
             raise FramesError(f"{self.folder}: no such folder of frames")
@@ -92,7 +93,7 @@ class FrameFolder:
         self._depth = self._files(below(self.folder, "depth"))
         rgb, own = below(self.folder, "rgb"), below(self.folder, "mask_visib")
         self._rgb = self._files(rgb) if rgb.is_dir() else {}
-        chosen = Path(masks) if masks is not None else own if own.is_dir() else None
+        chosen = Path(masks) if masks is not None else own if masked and own.is_dir() else None
         self._masks = {} if chosen is None else self._files(chosen, of_objects=True)
         self.has_masks = chosen is not None
         posed = {number for number, entry in self._cameras.items() if "cam_R_w2c" in entry or "cam_t_w2c" in entry}

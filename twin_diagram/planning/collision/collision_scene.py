@@ -58,7 +58,7 @@ class Tuning:
     """Shapes of unknown things that are kept at hand, four times as many as there are slots."""
 
     own_contact: float = 0.01
-    """Parts of the arm nearer to each other than this count as touching [m]: `planner.Tuning.own_clearance`."""
+    """Parts of the arm nearer to each other than this count as touching [m]: `guide.Tuning.own_clearance`."""
 
 
 TUNING = Tuning()

@@ -46,6 +46,8 @@ REAL = CalibrationError(shift=0.005, turn=np.radians(0.5), focal=0.003, centre=1
 One whose noise is white is a renderer's, and exact."""
 NEAREST = 0.01
 """Nor is anything in its focus that is nearer [m]."""
+LEAST_SHOWN = 0.002
+"""Share of pixels with depth below which a frame shows neither table nor thing: cameras' first ones may be empty."""
 FOCALS = (0.1, 50.0)
 """Focal lengths over the image's size: views of 157° and of 1°."""
 
@@ -61,6 +63,8 @@ def track_frames(
 ) -> None:
     """Track the objects of a library through a folder of frames; no frame is read before its turn.
 
+    The first frame that has depth tells how the table lies and how noisy depth is.
+
     Args:
         library: folder of assets; corrupt ones are named and left out.
         frames: BOP scene folder.
@@ -75,7 +79,7 @@ def track_frames(
         AssetError, FramesError: names file and value; nothing is written.
     """
     _check_told(out, grow, seed)
-    folder = FrameFolder(frames)
+    folder = FrameFolder(frames, masked=False)
     assets, numbers = _library(library, say, grow)
     told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
     tracker = ObjectTracker(assets, PERCEPTION, grows=grow is not None)
@@ -84,19 +88,26 @@ def track_frames(
     lines: list[str] = []
     seen_by: dict[int, ViewCamera] = {}
     base: TableFrame | None = None
+    first: Pinhole | None = None
     noise, doubt = DepthSigma(), CalibrationError()
     for index in range(len(folder)):
         frame = folder.read(index)
         _check(frame, frames)
         depth = _on_colours_grid(frame)
         camera = _pinhole(frame.colour, frame.colour.R_WC, frame.colour.p_WC, noise)
+        first = first or camera
+        if base is None and np.count_nonzero(frame.depth) < LEAST_SHOWN * frame.depth.size:
+            lines.append(json.dumps({"frame": frame.number, "time": frame.time, "objects": []}))
+            continue
         if base is None:
+            if index:
+                say(f"note: tracking begins at frame {frame.number}: there is no depth before it")
             noise = measured(frame.depth)
             doubt = _doubt(folder, noise)
             base = table_frame(depth, camera)
             if not base.found:
                 say("note: no table in view; all that is seen counts as standing")
-            _start(tracker, told, base.camera(camera), frame.time - 1e-3)
+            _start(tracker, told, base.camera(first), frame.time - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
         found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION, in_a_room=True))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
@@ -109,6 +120,8 @@ def track_frames(
     if grown is not None:
         grown.close()
     _write(out, rows, lines)
+    if base is None:
+        say("note: no frame has depth")
     say(f"{out}: {len(rows)} poses in {len(lines)} frames")
 
 
