@@ -77,17 +77,16 @@ def export_acting(
     scene: TwinScene,
     updater: SceneGraphUpdater,
     runner: TaskRunner | None,
-    monitor: System | None,
 ) -> None:
-    """Show the goal, take in where the fingers are, and command them as the steps say, else to stay as described."""
+    """Show the goal, tell all that ask where the fingers are, and command them as the steps say, else as described."""
     builder.ExportOutput(goal, "goal")
     if not scene.gripper_position_index.size:
         return
     state = builder.ExportInput(updater.GetInputPort("gripper_state"), ports.GRIPPER_MEASURED)
-    if monitor is not None:
-        builder.ConnectInput(state, monitor.GetInputPort("gripper_state"))
+    for system in builder.GetSystems():
+        if system is not updater and system.HasInputPort("gripper_state"):
+            builder.ConnectInput(state, system.GetInputPort("gripper_state"))
     if runner is not None:
-        builder.ConnectInput(state, runner.GetInputPort("gripper_state"))
         builder.ExportOutput(runner.GetOutputPort("gripper_position_commanded"), ports.GRIPPER_COMMANDED)
         builder.ExportOutput(runner.GetOutputPort("gripper_force_limit"), ports.GRIPPER_FORCE_LIMIT)
         return

@@ -240,7 +240,7 @@ def make_twin(
     named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
     connect_commands(builder, moves, monitor, ekf, updater, runner, len(model.joints))
-    export_acting(builder, goal, scene, updater, runner, monitor)
+    export_acting(builder, goal, scene, updater, runner)
     _export_beliefs(builder, ekf, drift, updater, moves, health)
     builder.ExportOutput(scene.query_output, "query_object")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
