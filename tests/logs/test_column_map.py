@@ -63,7 +63,8 @@ def ur_rtde(path: Path, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.nda
 
 def iiwa_fri(path: Path, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Path:
     columns: dict[str, Any] = {"index": np.arange(len(t)), "time": t, "record_time_nsec": 1e18 + 1e9 * t}
-    for name, values in (("mp", q), ("ip", q + 1.0), ("mt", tau), ("et", 0.0 * tau)):
+    # The interface counts measured torques against the joint, as an iiwa's status messages do.
+    for name, values in (("mp", q), ("ip", q + 1.0), ("mt", -tau), ("et", 0.0 * tau)):
         columns |= {f"{name}{k + 1}": values[:, k] for k in range(7)}
     return table(path, columns)
 

@@ -383,6 +383,20 @@ def test_mimicking_joints_have_no_motor(tmp_path: Path) -> None:
     assert Model.load(tmp_path / "chain.urdf").joints == ("rail", "shoulder")
 
 
+def test_a_joint_that_follows_another_may_not_carry_the_arm(tmp_path: Path) -> None:
+    """Held where it is, all behind it would stand elsewhere; named as driven, it is one of the arm's."""
+    text = chain(tmp_path).read_text()
+    axis = '<axis xyz="0 1 0"/>'
+    assert text.count(axis) == 1
+    (tmp_path / "chain.urdf").write_text(text.replace(axis, f'{axis}<mimic joint="rail"/>'))
+    with pytest.raises(ModelError, match="'shoulder' follows 'rail' and carries 'elbow'"):
+        Model.load(tmp_path / "chain.urdf")
+    named = ArmModel(model=str(tmp_path / "chain.urdf"), joints=["rail", "shoulder", "elbow"], tool_frame="")
+    assert Model.load(named).joints == ("rail", "shoulder", "elbow")
+    alone = dataclasses.replace(named, joints=["elbow"])  # the rail stands still, and so does what follows it
+    assert Model.load(alone).joints == ("elbow",)
+
+
 def test_save_and_load(tmp_path: Path) -> None:
     spec = dataclasses.replace(PANDA, X_WB=Pose([0.1, 0.0, 0.2], [0.0, 0.0, 0.3]), effects=[ROTORS, LOAD, DAMPERS])
     model = Model.load(spec)

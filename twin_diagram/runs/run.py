@@ -302,16 +302,17 @@ def _advance(
 def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
     """Return the figures of ``summary.json``."""
     scenario = loop.scenario
+    duration = scenario.duration if trial.stop is None else float(trial.record.time[-1])
     # What it carries at the end, as the estimate beside it.
     payloads = [
-        effect.parameters["mass"][0] if (effect.onset or 0.0) < scenario.duration <= (effect.end or math.inf) else 0.0
+        effect.parameters["mass"][0] if (effect.onset or 0.0) < duration <= (effect.end or math.inf) else 0.0
         for effect in scenario.world.arm.effects
         if effect.name == "payload"
     ]
     return summarize(
         trial.record,
         seed=scenario.seed,
-        duration=scenario.duration if trial.stop is None else float(trial.record.time[-1]),
+        duration=duration,
         payload_true=sum(payloads) if payloads else None,
         position_tolerance=scenario.twin.task.position_tolerance,
         rotation_tolerance=scenario.twin.task.rotation_tolerance,

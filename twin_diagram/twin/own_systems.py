@@ -9,7 +9,8 @@ twin needs. For an arm of n joints, p learnt parameters and K objects in the lib
   arm's own controller, `plan` (knots · n) [rad], which is drawn, and `reach` and `plan_time` (1), as `Mpc` has them:
   without the latter nobody notices that it hangs. An input `brake` (1 + n) tells it that the arm is held and where.
 - a **perception** may have the inputs `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F) [m], `image_time` (1)
-  [s], `arm_state` (2n). It must have the output `object_poses` (K packed `PoseMeasurement`s).
+  [s], `arm_state` (2n). It must have the output `object_poses` (K packed `PoseMeasurement`s); where `twin.camera` is
+  null it has no images, and must also have `image_time` (1) [s]: when the newest poses were measured.
 - a **station** must have the outputs `arm.position_measured`, `arm.velocity_estimated`, `arm.torque_measured` (n each)
   and `arm.measurement_time` (1) [s], with a gripper `gripper.state_measured` (2g), and of each camera C that the twin
   looks through `C.rgb_image`, `C.depth_image`, `C.image_time`; times are `NEVER` before the first message. It may have

@@ -267,6 +267,18 @@ def test_frames_without_depth_come_before_the_first_that_counts(
         assert "begins at frame 1" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("begin", [-100.0, 1.7e9])
+def test_times_may_begin_anywhere(begin: float, library: Path, taken: Shots, tracked: Path, tmp_path: Path) -> None:
+    """What was before 0 passed for never seen, and of a clock that counts from 1970 the table lost the fractions."""
+    moved = Shots([replace(frame, time=frame.time + begin) for frame in taken.frames[:2]])
+    assert track(library, folder_of(moved, tmp_path / "frames"), tmp_path / "out") == 0
+    told = [float(line.split(",")[-1]) for line in (tmp_path / "out" / "poses.csv").read_text().splitlines()[1:]]
+    np.testing.assert_allclose(np.array(told) - begin, [0.0, 1 / 15], atol=1e-6)
+    for here, there in zip(lines(tmp_path / "out"), lines(tracked)[:2], strict=True):
+        assert here["time"] == pytest.approx(there["time"] + begin, abs=1e-6)
+        np.testing.assert_allclose(of(here, "brick")["p_WO"], of(there, "brick")["p_WO"], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("K", "said"),
     [

@@ -275,7 +275,26 @@ def _choose(
     else:
         gripper = [joint for joint in driven if isinstance(joint, PrismaticJoint)]
     in_arm = {int(joint.index()) for joint in arm}
+    _refuse_carried(spec, arm, every, following)
     return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]
+
+
+def _refuse_carried(
+    spec: scenario.ArmModel, arm: Sequence[Joint], every: Sequence[Joint], leaders: Mapping[str, str]
+) -> None:
+    """Raise ModelError where a joint that follows one of the arm's carries another: it would be held where it is."""
+    to_child = {int(joint.child_body().index()): joint for joint in every}
+    own = {joint.name() for joint in arm}
+    for joint in arm:
+        above: Joint | None = joint
+        while above is not None:
+            name = above.name()
+            if name not in own and leaders.get(name) in own:
+                raise ModelError(
+                    f"{spec.model}: joint {name!r} follows {leaders[name]!r} and carries {joint.name()!r}; such an arm "
+                    "is not modelled, unless `joints` names it as one that is driven"
+                )
+            above = to_child.get(int(above.parent_body().index()))
 
 
 def _from_the_base(joints: list[Joint], every: Sequence[Joint]) -> list[Joint]:

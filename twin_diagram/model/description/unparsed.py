@@ -75,12 +75,12 @@ def armatures(path: Path) -> dict[str, float]:
         raise ModelError(f"{path}: joint: {error}") from error
 
 
-def mimicking(path: Path) -> set[str]:
-    """Return the names of a URDF's joints that follow another one, and so have no motor."""
+def mimicking(path: Path) -> dict[str, str]:
+    """Return the names of a URDF's joints that follow another one, and so have no motor, and of those that lead."""
     if path.suffix.lower() != ".urdf":
-        return set()
-    joints = _root(path).iter("joint")
-    return {joint.get("name", "") for joint in joints if joint.find("mimic") is not None}
+        return {}
+    each = [(joint.get("name", ""), joint.find("mimic")) for joint in _root(path).iter("joint")]
+    return {name: mimic.get("joint", "") for name, mimic in each if mimic is not None}
 
 
 def effort_limits(path: Path) -> dict[str, float]:
