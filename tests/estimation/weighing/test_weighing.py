@@ -204,6 +204,38 @@ def test_an_even_object_that_hardly_moves_is_known_by_its_shape(
     np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(box.even(found.mass))[2]), rtol=0.05)
 
 
+def test_a_single_run_a_matrix_and_a_bare_shape_will_do(
+    both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape
+) -> None:
+    usual = weigh(iiwa_link, [LoadedRun(both[0], X_TO)], [EmptyRun(both[1])], ShapePrior(box))
+    matrix: Any = X_TO.GetAsMatrix4()
+    found = weigh(iiwa_link, LoadedRun(both[0], matrix), EmptyRun(both[1]), box)
+    np.testing.assert_allclose(found.parameters, usual.parameters, rtol=1e-4, atol=1e-7)
+    own = found.measured()
+    assert own.mass == found.mass and own.mass_std == found.errors["mass"]
+    np.testing.assert_array_equal(own.inertia, found.inertia)
+    assert own.by["mass"] == "measured" and VERDICTS.index(own.by["inertia"]) >= VERDICTS.index(
+        found.verdicts["moment_1"]
+    )
+
+
+def test_logs_that_are_no_runs_and_poses_that_are_none_are_refused(
+    both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape
+) -> None:
+    log, run = both[0], LoadedRun(both[0], X_TO)
+    nothing: Any = None
+    for loaded, empty, words in (
+        ([log], [], "loaded: Log is no LoadedRun"),
+        ([run], [log], "empty: Log is no EmptyRun"),
+        ([], [], "no run with the object"),
+    ):
+        with pytest.raises(WeighingError, match=words):
+            weigh(iiwa_link, loaded, empty, box)  # type: ignore[arg-type]
+    for pose in (np.zeros((4, 4)), [1.0, 2.0], "here", nothing):
+        with pytest.raises(WeighingError, match="X_TO must be a pose"):
+            LoadedRun(log, pose)  # type: ignore[arg-type]
+
+
 def test_the_words_of_a_verdict() -> None:
     assert [verdict(share) for share in (0.95, 0.9, 0.5, 0.3, 0.1, -0.2)] == [
         "measured", "measured", "partly", "partly", "from shape alone", "from shape alone",

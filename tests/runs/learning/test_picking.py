@@ -16,7 +16,7 @@ class EmptyFingers:
 
     def __init__(self, q: Array) -> None:
         self.commanded = self.q = q
-        self.opening, self.gone = 0.11, [q]
+        self.opening, self.widest, self.gone = 0.11, 0.11, [q]
 
     def grip(self, opened: float, seconds: float = 0.7) -> float:
         self.opening = 0.11 * opened

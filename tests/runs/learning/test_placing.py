@@ -14,7 +14,7 @@ from twin_diagram.runs.learning.bin_view import (
     narrowest,
     why_not,
 )
-from twin_diagram.runs.learning.in_the_way import in_the_way, wall_points
+from twin_diagram.runs.learning.in_the_way import covered_share, in_the_way, wall_points, why_barred
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, pose_over, resting, turned
 
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -130,6 +130,25 @@ def test_fingers_keep_off_walls_and_neighbours_by_more_than_the_arm_sags() -> No
     for k in order:
         y = (corners @ found.R[k].T + found.poses[k, 4:])[:, 1]
         assert y.min() > low[1] + 0.004
+
+
+def seen_from_above(rows: range, columns: range, height: float) -> SeenThing:
+    """A rectangle of pixels, each 2 mm wide."""
+    pixels = np.array([(v, u) for v in rows for u in columns], dtype=np.int64)
+    points = np.column_stack([0.002 * pixels, np.full(len(pixels), height)])
+    return SeenThing(points, np.tile([0.0, 0.0, 1.0], (len(pixels), 1)), pixels, np.array([0.0, 0.0, 0.9]))
+
+
+def test_what_lies_below_something_else_is_told_so() -> None:
+    below, above = (
+        seen_from_above(range(20, 40), range(20, 50), 0.05),
+        seen_from_above(range(20, 60), range(50, 90), 0.11),
+    )
+    apart = seen_from_above(range(20, 40), range(60, 90), 0.11)
+    assert covered_share(below, [above]) == pytest.approx(24 / 96, abs=0.05), "one short side of it"
+    assert covered_share(above, [below]) == covered_share(below, [apart]) == covered_share(below, []) == 0.0
+    assert why_barred("too wide", below, [above]).startswith("something lies over it, along 2")
+    assert why_barred("too wide", above, [below]) == "too wide"
 
 
 def test_a_box_rests_on_its_sides_the_surest_first() -> None:

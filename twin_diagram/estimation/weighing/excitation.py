@@ -15,7 +15,7 @@ from twin_diagram.estimation.weighing.carried_motion import CarriedMotion
 from twin_diagram.estimation.weighing.excitation_cost import ExcitationCost
 from twin_diagram.estimation.weighing.grip import Grip
 from twin_diagram.estimation.weighing.harmonics import Harmonics
-from twin_diagram.estimation.weighing.held import Held, WeighingError
+from twin_diagram.estimation.weighing.held import Held, WeighingError, as_pose
 from twin_diagram.estimation.weighing.motion_limits import MotionLimits
 from twin_diagram.model.model import Model
 from twin_diagram.model.rigid_body.mass_properties import is_physical
@@ -176,7 +176,7 @@ def optimise_excitation(
     """
     if np.shape(parameters) != (10,) or not is_physical(np.asarray(parameters)):
         raise WeighingError(f"parameters are not those of a body: {parameters}")
-    posture = np.asarray(posture, dtype=float)
+    X_TO, posture = as_pose(X_TO), np.asarray(posture, dtype=float)
     if posture.shape != (len(model.joints),) or not np.all(np.isfinite(posture)):
         raise WeighingError(f"posture must be {len(model.joints)} finite numbers, not {posture}")
     limits = MotionLimits.of(model) if limits is None else limits

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 
 from twin_diagram.errors import TwinError
 from twin_diagram.model.model import Model
@@ -15,8 +16,38 @@ from twin_diagram.model.rigid_body.rigid_tree import transform_inertia
 from twin_diagram.signals.arrays import Array
 
 
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    rounded: float = 1e-3
+    """By which rows of a matrix may miss being those of a rotation: they come from files with few digits."""
+
+
+TUNING = Tuning()
+
+
 class WeighingError(TwinError):
     """What an object cannot be weighed with: logs, limits or a grasp that do not fit."""
+
+
+def as_pose(given: Any) -> RigidTransform:
+    """Return X_TO as a pose, given as one or as a matrix (4, 4).
+
+    Raises:
+        WeighingError: it is neither.
+    """
+    if isinstance(given, RigidTransform):
+        return given
+    told = f"X_TO must be a pose: a RigidTransform or a matrix (4, 4), not {given}"
+    try:
+        X = np.asarray(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise WeighingError(told) from error
+    R = X[:3, :3] if X.shape == (4, 4) else np.zeros((3, 3))
+    if not (np.abs(R @ R.T - np.eye(3)).max() < TUNING.rounded and np.linalg.det(R) > 0.0 and np.isfinite(X).all()):
+        raise WeighingError(told)
+    return RigidTransform(RotationMatrix.ProjectToRotationMatrix(R), X[:3, 3])
 
 
 @dataclass(frozen=True)
@@ -40,6 +71,7 @@ class Held:
         Raises:
             WeighingError: the pose is not finite, or no turning joint moves the tool.
         """
+        X_TO = as_pose(X_TO)
         if not np.all(np.isfinite(X_TO.GetAsMatrix34())):
             raise WeighingError(f"X_TO is not finite: {np.array2string(X_TO.GetAsMatrix34(), precision=3)}")
         body, _ = model.bodies.body_of(model.last_link)

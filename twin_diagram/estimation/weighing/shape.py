@@ -40,12 +40,17 @@ class Shape:
         """Return that of a surface in O: vertices (V, 3) [m], triangles (F, 3), counter-clockwise from outside.
 
         Raises:
-            WeighingError: a sheet, or vertices that are not finite.
+            WeighingError: a sheet, arrays of another form, or vertices that are not finite.
         """
+        vertices, faces = np.asarray(vertices, dtype=float), np.asarray(faces)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+            raise WeighingError(
+                f"the object's mesh: vertices must be (V, 3) and faces (F, 3), not {vertices.shape}, {faces.shape}"
+            )
         if not np.all(np.isfinite(vertices)):
             raise WeighingError("the object's mesh has vertices that are not finite")
         try:
-            solid = solid_of(weld(np.asarray(vertices, dtype=float)[faces]))
+            solid = solid_of(weld(vertices[faces]))
         except AssetError as error:
             raise WeighingError(f"the object's mesh: {error}") from error
         low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))

@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 from scipy.interpolate import make_interp_spline
 
-from twin_diagram.estimation.weighing.held import Held, WeighingError
+from twin_diagram.estimation.weighing.held import Held, WeighingError, as_pose
 from twin_diagram.logs.differentiation import differentiate, inner, lowpass, motion
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model.model import Model
@@ -54,13 +54,17 @@ class LoadedRun:
     Attributes:
         log: of the arm's joints, each message of its driver, which should get a command for each: where commands come
             more seldom, torques jump with them, and messages taken at the same rate show only one side of the jumps.
-        X_TO: the object's frame O in the tool frame, all the time.
+        X_TO: the object's frame O in the tool frame, all the time; a matrix (4, 4) is made one of Drake's.
         fingers: positions of joints outside the arm by name [m], [rad]; those not named are as described.
     """
 
     log: Log
     X_TO: RigidTransform
     fingers: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Take a matrix for a pose; refuse what is none."""
+        object.__setattr__(self, "X_TO", as_pose(self.X_TO))
 
 
 @dataclass(frozen=True)

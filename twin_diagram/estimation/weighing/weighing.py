@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.estimation.weighing.held import WeighingError
 from twin_diagram.estimation.weighing.posterior import Posterior, posterior
+from twin_diagram.estimation.weighing.shape import Shape
 from twin_diagram.estimation.weighing.shape_prior import ShapePrior
 from twin_diagram.estimation.weighing.torque_data import EmptyRun, LoadedRun, read_run
 from twin_diagram.estimation.weighing.torque_fit import ArmDoubt, TorqueFit, fit_torques
@@ -93,6 +95,15 @@ class Weighing:
         std = np.sqrt(np.diag(self.covariance))
         return self.parameters - TUNING.half * std, self.parameters + TUNING.half * std
 
+    def measured(self) -> MeasuredInertia:
+        """Return what an asset takes (`AssetPlace.measured`): centre and inertia are worth their worst verdict."""
+        groups = {"mass": ("mass",), "centre": ("hx", "hy", "hz"), "inertia": ("moment_1", "moment_2", "moment_3")}
+        by = {name: max((self.verdicts[one] for one in group), key=VERDICTS.index) for name, group in groups.items()}
+        std = self.errors
+        return MeasuredInertia(
+            self.mass, self.centre, self.inertia, float(std["mass"]), std["centre"], std["inertia"], by
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """Return what a file should hold, in plain lists."""
         return {
@@ -109,9 +120,9 @@ class Weighing:
 
 def weigh(
     model: Model,
-    loaded: Sequence[LoadedRun],
-    empty: Sequence[EmptyRun],
-    prior: ShapePrior,
+    loaded: LoadedRun | Sequence[LoadedRun],
+    empty: EmptyRun | Sequence[EmptyRun],
+    prior: ShapePrior | Shape,
     torque_side: str | None = None,
     doubt: ArmDoubt | None = None,
     seed: int = 0,
@@ -125,15 +136,16 @@ def weigh(
 
     Args:
         model: the arm, loaded for the side that torques are measured on.
-        loaded: runs with the object in the hand; at least one. Its frame O must be the same body frame in all.
+        loaded: runs with the object in the hand; one at least. Its frame O must be the same body frame in all.
         empty: runs without it, at the same finger opening; none: gains are then known by `doubt` and gravity alone.
-        prior: the object's shape and what it is trusted for.
+        prior: the object's shape and what it is trusted for; a bare shape: for what is usual.
         torque_side: `motor` or `link`, of the logs; None: the model's. Logs that do not say are motor-side.
         doubt: how far the arm may be from its model; None: `ArmDoubt.of_side`.
         seed: of the bodies drawn.
 
     Raises:
-        WeighingError: no run with the object, a model of the other side, logs too short, too slow or not finite.
+        WeighingError: no run with the object, logs where runs should be, a model of the other side, logs too short, too
+            slow or not finite.
         LogError: a log that lacks joints or torques.
     """
     side = "link" if model.arm.link_side else "motor"
@@ -141,10 +153,9 @@ def weigh(
         raise WeighingError(
             f"torque_side {torque_side!r}: the model was loaded for torques at the {side}; load it anew"
         )
-    if not loaded:
-        raise WeighingError("no run with the object in the hand; at least one is needed")
+    told = _runs(loaded, empty)
+    prior = ShapePrior(prior) if isinstance(prior, Shape) else prior
     doubt = ArmDoubt.of_side(side) if doubt is None else doubt
-    told: list[LoadedRun | EmptyRun] = [*loaded, *empty]
     delay = 0.0
     runs = [read_run(model, run) for run in told]
     guess = prior.shape.even(TUNING.first_mass)
@@ -159,6 +170,19 @@ def weigh(
             runs = [read_run(model, run, delay) for run in told]
     assert fit is not None
     return _summary(fit, found, prior, delay + fit.delay, seed)
+
+
+def _runs(loaded: LoadedRun | Sequence[LoadedRun], empty: EmptyRun | Sequence[EmptyRun]) -> list[LoadedRun | EmptyRun]:
+    """Return all runs, those with the object first; raises as `weigh`."""
+    with_it = [loaded] if isinstance(loaded, LoadedRun) else list(loaded)
+    without = [empty] if isinstance(empty, EmptyRun) else list(empty)
+    if not with_it:
+        raise WeighingError("no run with the object in the hand; at least one is needed")
+    for name, kind, runs in (("loaded", LoadedRun, with_it), ("empty", EmptyRun, without)):
+        for run in runs:
+            if not isinstance(run, kind):
+                raise WeighingError(f"{name}: {type(run).__name__} is no {kind.__name__}; make one of each log")
+    return [*with_it, *without]
 
 
 def _summary(fit: TorqueFit, found: Posterior, prior: ShapePrior, delay: float, seed: int) -> Weighing:

@@ -192,9 +192,9 @@ def grasps_of_thing(
     }
     others = surroundings if len(surroundings) else None
     found = propose(points, normals, gripper, wanted=wanted, viewpoint=thing.viewpoint, surroundings=others, **told)
-    if len(downward(found)):
+    if found.seen[downward(found)].all(axis=1).any():
         return found
-    # Of what lies flat below the camera no side is seen: they are guessed, straight down from its outline.
+    # Of what lies below the camera sides are hidden: they are guessed, straight down from its outline.
     sides, outward = guessed_sides(thing, floor)
     if not len(sides):
         return found
@@ -204,8 +204,9 @@ def grasps_of_thing(
         surroundings=others,
         **told,
     )
-    upright = rank(given_poses(upright_poses(thing, gripper, floor)), target, gripper, wanted)
-    return upright if len(upright) else found
+    poses = np.concatenate([found.poses, upright_poses(thing, gripper, floor)])
+    guessed = rank(given_poses(poses), target, gripper, wanted)
+    return guessed if len(guessed) else found
 
 
 def upright_poses(thing: SeenThing, gripper: Gripper, floor: float) -> Array:

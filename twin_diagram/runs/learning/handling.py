@@ -17,22 +17,17 @@ from twin_diagram.logs.frames.transforms_folder import write_transforms
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.grasps import Gripper
-from twin_diagram.runs.learning.bin_view import (
-    SeenThing,
-    downward,
-    grasps_of_thing,
-    things_within,
-    why_not,
-)
+from twin_diagram.runs.learning.bin_view import SeenThing, things_within
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
+from twin_diagram.runs.learning.choosing import choose
 from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
 from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
-from twin_diagram.runs.learning.in_the_way import in_the_way
+from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
-from twin_diagram.runs.learning.picking import Taken, go, reach_of, take, unlike
+from twin_diagram.runs.learning.picking import Taken, go, take
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.seen_map import SeenMap
@@ -170,17 +165,13 @@ def pick(tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed:
         failed: (4, 4) poses of the tool at which it held nothing.
     """
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
-    rest = [other.points for other in things_within(picture, low, high) if (other.middle != thing.middle).any()]
+    others = [other for other in things_within(picture, low, high) if (other.middle != thing.middle).any()]
+    rest = [other.points for other in others]
     tools.mover.stand("bin", [thing.points, *rest], float(low[2]))
-    for beside in in_the_way(low, high, rest):
-        grasps = grasps_of_thing(thing, tools.gripper, float(low[2]) + TUNING.floor, beside, attempt)
-        order = downward(grasps)
-        why = "out of reach" if len(order) else why_not(thing, tools.gripper, grasps)
-        reach = reach_of(tools.mover, tools.cell, grasps, unlike(grasps.poses, order, failed))
-        if reach is not None:
-            break
-    else:
-        return Picked(thing, why=why)
+    floor = float(low[2]) + TUNING.floor
+    reach, why = choose(tools.mover, tools.cell, tools.gripper, thing, (low, high), floor, rest, attempt, failed)
+    if reach is None:
+        return Picked(thing, why=why_barred(why, thing, others))
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return Picked(thing, why="the fingers held nothing", failed=reach.X_WT)

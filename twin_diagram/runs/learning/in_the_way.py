@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
+from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.signals.arrays import Array
 
 
@@ -23,6 +25,15 @@ class Tuning:
 
     beside: int = 500
     """Points of each thing beside that are kept."""
+
+    border: int = 3
+    """Pixels between two things whose outlines are one: edges of depth have no depth of their own."""
+
+    above: float = 0.01
+    """By which something at such a border is higher where it may lie over the other [m]."""
+
+    covered: float = 0.1
+    """Share of a thing's outline at such borders from which what is below another one is told of it."""
 
 
 TUNING = Tuning()
@@ -64,3 +75,33 @@ def wall_points(low: Array, high: Array, room: float = 0.0) -> Array:
             wall[:, axis], wall[:, 1 - axis], wall[:, 2] = inner + outwards * face[k, 0], a, face[k, 1]
             found.append(wall)
     return np.concatenate(found)
+
+
+def covered_share(thing: SeenThing, others: Sequence[SeenThing]) -> float:
+    """Return the share of a thing's outline in the picture beside which something higher begins: it may go on below.
+
+    Args:
+        thing: as the picture shows it.
+        others: what else it shows.
+    """
+    corner = thing.pixels.min(axis=0) - TUNING.border - 1
+    shape = tuple(thing.pixels.max(axis=0) - corner + TUNING.border + 2)
+    around, height = np.full(shape, -np.inf), np.full(shape, -np.inf)
+    around[tuple((thing.pixels - corner).T)] = thing.points[:, 2]
+    own = np.isfinite(around)
+    for other in others:
+        at = other.pixels - corner
+        inside = ((at >= 0) & (at < shape)).all(axis=1)
+        height[tuple(at[inside].T)] = other.points[inside, 2]
+    size = 2 * TUNING.border + 1
+    outline = own & ~ndimage.binary_erosion(own)
+    beside = (
+        ndimage.maximum_filter(height, size)[outline] > ndimage.maximum_filter(around, size)[outline] + TUNING.above
+    )
+    return float(beside.mean())
+
+
+def why_barred(why: str, thing: SeenThing, others: Sequence[SeenThing]) -> str:
+    """Return why a thing cannot be taken, with what lies on it or leans over it; see `covered_share`."""
+    share = covered_share(thing, others)
+    return why if share < TUNING.covered else f"something lies over it, along {100 * share:.0f} % of its outline; {why}"

@@ -51,12 +51,16 @@ TUNING = Tuning()
 
 @dataclass(frozen=True)
 class Reach:
-    """A grasp that the arm can go to: way and line (W, n) [rad], and the tool's pose there (4, 4)."""
+    """A grasp that the arm can go to: way and line (W, n) [rad], and the tool's pose there (4, 4).
+
+    `opened`: by which share the fingers are open on the way to it.
+    """
 
     grasp: int
     X_WT: Array
     way: Array
     line: Array
+    opened: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,9 @@ class Taken:
     grasp: int
 
 
-def reach_of(mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], most: int = 8) -> Reach | None:
+def reach_of(
+    mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], most: int = 8, opened: float = 1.0
+) -> Reach | None:
     """Return the first of some grasps, in order, that the arm can go to straight and has a way to; None: none.
 
     Both turns of the fingers, which are alike, are tried.
@@ -85,8 +91,11 @@ def reach_of(mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], mos
         grasps: in W.
         order: numbers of those that may be.
         most: path searches at the most.
+        opened: by which share the fingers are open.
     """
     q, searched, spare = cell.commanded, 0, None
+    # The balls stand for fingers at all their openings.
+    grazing = TUNING.grazing - 0.5 * (1.0 - opened) * cell.widest
     for k in order:
         X_WT = as_matrix(grasps.poses[int(k)])
         for turn in (1.0, -1.0):
@@ -96,14 +105,14 @@ def reach_of(mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], mos
             before[:3, 3] -= TUNING.retreat * X[:3, 2]
             for q_before in mover.goals(before, q)[:3]:
                 try:
-                    line = mover.line(q_before, X, TUNING.grazing)
+                    line = mover.line(q_before, X, grazing)
                     searched += 1
                     way = mover.path(q, line[:1])
                 except NoWay:
                     if searched >= most:
                         return spare
                     continue
-                reach = Reach(int(k), X, way, line)
+                reach = Reach(int(k), X, way, line, opened)
                 if lift_line(mover, line[-1]) is not None:
                     return reach
                 spare = spare or reach
@@ -132,7 +141,8 @@ def unlike(poses: Array, order: Array, failed: Sequence[Array]) -> list[int]:
 
 def take(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
     """Go to a grasp, shut the fingers and lift; None where they hold nothing."""
-    cell.grip(1.0, 0.0 if cell.opening > 0.10 else 0.5)
+    there = abs(cell.opening - reach.opened * cell.widest) < 0.01
+    cell.grip(reach.opened, 0.0 if there else 0.5)
     go(cell, mover.timed(reach.way))
     with cell.about(GRASP, reach.X_WT[:3, 3]):
         return _taken(mover, cell, reach)
@@ -150,7 +160,7 @@ def _taken(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
         back_out(mover, cell, reach)
         return None
     if cell.opening < TUNING.empty:
-        cell.grip(1.0)
+        cell.grip(reach.opened)
         return None
     return Taken(X_WT, cell.apart, reach.grasp)
 
@@ -177,7 +187,7 @@ def lift_line(mover: Mover, q: Array) -> Array | None:
 
 def back_out(mover: Mover, cell: Cell, reach: Reach) -> None:
     """Open the fingers, go back the way that was come, and up: what was pushed may lean where nothing was before."""
-    cell.grip(1.0)
+    cell.grip(reach.opened)
     go(cell, mover.timed_line(reach.line[::-1], TUNING.slow * 2.0))
     lift(mover, cell)
 

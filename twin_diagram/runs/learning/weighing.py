@@ -385,16 +385,4 @@ def inertia_of(model: Model, swung: Swung, empty: Swung | None, surface: Coloure
     found = weigh(model, [loaded], runs, prior, doubt=doubt)
     if not (np.isfinite(found.mass) and found.mass > 0.0):
         raise WeighingError(f"the torques tell a mass of {found.mass:g} kg")
-    words = ("measured", "partly", "from shape alone")
-    centre = max((found.verdicts[name] for name in ("hx", "hy", "hz")), key=words.index)
-    moments = max((found.verdicts[f"moment_{k}"] for k in (1, 2, 3)), key=words.index)
-    by = {"mass": found.verdicts["mass"], "centre": centre, "inertia": moments}
-    return MeasuredInertia(
-        found.mass,
-        found.centre,
-        found.inertia,
-        float(found.errors["mass"]),
-        np.asarray(found.errors["centre"]),
-        np.asarray(found.errors["inertia"]),
-        by,
-    )
+    return found.measured()

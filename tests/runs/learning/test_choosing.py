@@ -1,0 +1,58 @@
+"""How a thing is taken: between walls and neighbours with fingers that are opened less than all the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from tests.runs.learning.test_placing import flat
+from twin_diagram.planning.grasps import Grasps, gripper_of
+from twin_diagram.runs.learning import choosing
+from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.motion import Mover
+from twin_diagram.runs.learning.picking import Reach
+from twin_diagram.signals.pose_vectors import as_matrix
+
+LOW, HIGH = np.array([0.27, -0.55, 0.01]), np.array([0.56, -0.16, 0.12])
+NOBODY: Any = None
+
+
+def all_reached(
+    mover: Mover, cell: Cell, grasps: Grasps, order: Sequence[int], most: int = 8, opened: float = 1.0
+) -> Reach | None:
+    nowhere = np.zeros((2, 7))
+    return (
+        Reach(int(order[0]), as_matrix(grasps.poses[int(order[0])]), nowhere, nowhere, opened) if len(order) else None
+    )
+
+
+def choose(thing: SeenThing) -> tuple[Reach | None, str]:
+    gripper = gripper_of("wsg50")
+    return choosing.choose(cast(Mover, NOBODY), cast(Cell, NOBODY), gripper, thing, (LOW, HIGH), LOW[2], [], 0, [])
+
+
+def beside_the_wall(distance: float) -> SeenThing:
+    """A box, 4.5 cm wide and too long for the fingers, that lies along a wall."""
+    box = flat(0.045, 0.14, 0.08, 0.0)
+    shift = np.array([0.0, LOW[1] + distance + 0.0225 - box.middle[1], 0.0])
+    return SeenThing(box.points + shift, box.normals, box.pixels, box.viewpoint)
+
+
+def test_fingers_are_opened_all_the_way_where_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choosing, "reach_of", all_reached)
+    reach, why = choose(beside_the_wall(0.10))
+    assert reach is not None and reach.opened == 1.0 and not why
+
+
+def test_beside_a_wall_they_are_opened_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choosing, "reach_of", all_reached)
+    reach, _ = choose(beside_the_wall(0.028))
+    assert reach is not None and reach.opened < 1.0
+    gripper = gripper_of("wsg50")
+    most = gripper.opening_least + reach.opened * (gripper.opening_most - gripper.opening_least)
+    assert reach.X_WT[1, 3] - most / 2 - gripper.finger_thickness > LOW[1], "the outer finger is within the bin"
+    assert abs(reach.X_WT[:3, 1] @ [0.0, 1.0, 0.0]) > 0.97 and reach.X_WT[2, 2] < -0.9
