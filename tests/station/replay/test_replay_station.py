@@ -227,7 +227,7 @@ def test_a_bare_log_is_played_from_its_first_sample(tmp_path: Path) -> None:
     assert np.allclose(read(ports.VELOCITY_ESTIMATED, 0.0225), (log.position[5] - log.position[4]) / 0.004, rtol=1e-6)
     assert abs(read(ports.MEASUREMENT_TIME, 99.0)[0] - 49 * 0.004) < 1e-9
     assert read("camera.image_time", 99.0)[0] < 0
-    assert np.array_equal(read(ports.GRIPPER_MEASURED, 0.1), np.zeros(4))
+    assert np.isnan(read(ports.GRIPPER_MEASURED, 0.1)).all(), "the log does not tell"
 
 
 def test_a_log_without_the_arms_joints_is_refused(tmp_path: Path) -> None:
