@@ -1,10 +1,9 @@
 """Finds what the model of a KUKA KR300 lacks, from one measured run, and holds it against another.
 
 The given model is the published rigid links alone. Known to be there, and not told: a payload of some 150 kg, a
-nitrogen
-cylinder whose torque is a curve of joint 2's angle, the motors' rotors, friction on all joints. The table compares what
-is left of run B's torque, on the motor's side of the gear, with the figures that the authors of the data reached
-with a model of their own, whose structure they knew.
+nitrogen cylinder whose torque is a curve of joint 2's angle, the motors' rotors, friction on all joints. The table
+compares what is left of run B's torque, on the motor's side of the gear, with the figures that the authors of the data
+reached with a model of their own, whose structure they knew.
 
     python sims/gap_kuka.py --out out/gap_kuka
 

@@ -274,10 +274,13 @@ def _run(arguments: argparse.Namespace) -> int:
     from twin_diagram.scenario.file import load_scenario
 
     scenario = load_scenario(arguments.scenario, _overrides(arguments))
-    places_for(arguments.out, arguments.record, arguments.log)  # before seconds of importing
+    places_for(arguments.out, arguments.record, arguments.log)
     require_packages(*RUN)
     if scenario.station == "sim" and scenario.twin.perceiving:
         require_egl()
+    from twin_diagram.runs.early_check import check_given
+
+    check_given(scenario)
     from twin_diagram.runs.health_watch import unheard
     from twin_diagram.runs.run import run_scenario
 
@@ -299,7 +302,10 @@ def _replay(arguments: argparse.Namespace) -> int:
 
     require_packages(*RUN)
     scenario = replay_scenario(arguments.log, arguments.model, _overrides(arguments), arguments.columns)
-    places_for(arguments.out, None, None)  # before seconds of importing
+    places_for(arguments.out, None, None)
+    from twin_diagram.runs.early_check import check_given
+
+    check_given(scenario)
     from twin_diagram.runs.run import run_scenario
 
     def say(text: str) -> None:

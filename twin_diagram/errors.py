@@ -5,6 +5,7 @@ Every one derives from `TwinError`; the command line prints its message as one l
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 
@@ -33,6 +34,32 @@ class ScenarioError(TwinError):
     def __init__(self, field: str, message: str) -> None:
         super().__init__(f"{field}: {message}")
         self.field = field
+
+
+class ArgumentError(TwinError):
+    """An argument of a kind that a function cannot take."""
+
+
+def expect(value: object, kind: type | tuple[type, ...], name: str, wanted: str) -> None:
+    """Refuse an argument of another kind, by what is wanted in its place; for what users call first.
+
+    Args:
+        value: the argument.
+        kind: what it must be an instance of.
+        name: of the argument.
+        wanted: what it is to be, and where that comes from: "a Scenario (as load_scenario returns it)".
+
+    Raises:
+        ArgumentError: it is something else.
+    """
+    if not isinstance(value, kind):
+        given = f"the class {value.__name__}" if isinstance(value, type) else f"a {type(value).__name__}"
+        raise ArgumentError(f"{name}: {wanted} is wanted, not {given}")
+
+
+def expect_path(value: object, name: str, wanted: str) -> None:
+    """Refuse what is no path; see `expect`."""
+    expect(value, (str, os.PathLike), name, f"the path of {wanted}")
 
 
 class ModelError(TwinError):

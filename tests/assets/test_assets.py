@@ -213,9 +213,13 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
     (path / "visual.obj").write_text("v 0 0 0\nf 1 2 3\n")
     with pytest.raises(AssetError, match=r"visual\.obj"):
         Asset.load(path)
-    (path / "cloud.npz").write_bytes(b"PK")
-    with pytest.raises(AssetError, match=r"cloud\.npz"):
-        Asset.load(path)
+    np.savez(path / "cloud.npz", points=np.zeros((200, 3)))
+    whole = (path / "cloud.npz").read_bytes()
+    damaged = whole[:500] + bytes([whole[500] ^ 1]) + whole[501:]
+    for data in (b"PK", b"", whole[:1000], damaged):
+        (path / "cloud.npz").write_bytes(data)
+        with pytest.raises(AssetError, match=r"cloud\.npz"):
+            Asset.load(path)
 
 
 @pytest.mark.parametrize(

@@ -112,16 +112,23 @@ def test_corrupt_ones_are_named_and_skipped(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("file", "old", "new", "words"),
     [
-        ("<mass>0.35</mass>", "<mass>0.3</mass>", ["0.3 kg", "0.35"]),
-        ("<ixx>", "<ixx>9", ["model.sdf"]),
-        ("<sdf", "<sfd", ["model.sdf"]),
-        ('name="object"', 'name="thing"', ["object"]),
+        ("model.sdf", "<mass>0.35</mass>", "<mass>0.3</mass>", ["0.3 kg", "0.35"]),
+        ("model.sdf", "<ixx>", "<ixx>9", ["model.sdf"]),
+        ("model.sdf", "<sdf", "<sfd", ["model.sdf"]),
+        ("model.sdf", 'name="object"', 'name="thing"', ["object"]),
+        ("model.sdf", "</model>", '<link name="lid"/></model>', ["one link", "object, lid"]),
+        ("asset.yaml", "rpy: [0.0, ", "rpy: [", ["asset.yaml", "rpy", "[0.0, 0.0]"]),
+        ("asset.yaml", "translation: [0.0, ", "translation: [.nan, ", ["asset.yaml", "translation", "nan"]),
+        ("visual.obj", "vt 0.", "vt nan 0.", ["visual.obj", "texture coordinate"]),
+        ("visual.obj", "vn 0 0 -1", "vn 0 0 inf", ["visual.obj", "normal"]),
     ],
 )
-def test_assets_by_hand_are_checked_without_a_list(library: Path, old: str, new: str, words: list[str]) -> None:
-    edited(old, new)(library / "can" / "model.sdf")
+def test_assets_by_hand_are_checked_without_a_list(
+    library: Path, file: str, old: str, new: str, words: list[str]
+) -> None:
+    edited(old, new)(library / "can" / file)
     with pytest.raises(AssetError) as error:
         check(library / "can")
     assert all(word in str(error.value) for word in words), error.value

@@ -170,3 +170,11 @@ def test_fewer_points_than_triangles_fall_anywhere() -> None:
     hit = np.sort(np.floor([sample(strip, texture, 10, seed).points[:, 0] for seed in range(200)]), axis=1)
     np.testing.assert_array_equal(hit // 50, np.tile(np.arange(10), (200, 1)))  # one in each tenth
     assert np.std(hit % 50) == pytest.approx(50 / np.sqrt(12), rel=0.1)
+
+
+def test_a_sheet_with_two_sides_has_the_normals_of_both(tmp_path: Path) -> None:
+    """Its vertices have none: those of their triangles cancel."""
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 3 2\n")
+    cloud = sample(read_obj(tmp_path / "a.obj"), np.zeros((2, 2, 3), dtype=np.uint8), 50)
+    np.testing.assert_array_equal(np.abs(cloud.normals), np.tile([0, 0, 1.0], (50, 1)))
+    assert (cloud.normals[:, 2] > 0).sum() == 25

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin_diagram.assets import Asset
 from twin_diagram.assets.mesh import read_obj, read_png
 from twin_diagram.assets.procedural import write_bottle, write_can, write_mug
+from twin_diagram.assets.procedural_hollow import write_angle, write_flask, write_ring
 from twin_diagram.assets.retexture import retexture
 from twin_diagram.errors import AssetError
 from twin_diagram.scenario.resources import models_dir
@@ -43,6 +45,10 @@ def assert_same_words(one: Path, two: Path) -> None:
 def assert_same_asset(one: Path, two: Path) -> None:
     for name in ("asset.yaml", "model.sdf", "visual.mtl"):
         assert_same_words(one / name, two / name)
+    assert_same_look(one, two)
+
+
+def assert_same_look(one: Path, two: Path) -> None:
     first, second = read_obj(one / "visual.obj"), read_obj(two / "visual.obj")
     np.testing.assert_array_equal(first.faces, second.faces)
     for attribute in ("vertices", "normals", "uv"):
@@ -57,6 +63,21 @@ def test_a_shipped_asset_can_be_made_again(tmp_path: Path, name: str) -> None:
     made = retexture(OBJECTS / name, tmp_path / "again", SEEDS[name])
     assert made == tmp_path / "again"
     assert_same_asset(OBJECTS / name, made)
+
+
+def test_the_shipped_hollow_assets_can_be_made_again(tmp_path: Path) -> None:
+    made = (
+        write_angle(tmp_path, "angle", (0.08, 0.11), 0.045, 0.03, texture_seed=11),
+        write_ring(tmp_path, "ring", (0.026, 0.045), 0.035, texture_seed=12),
+        write_flask(tmp_path, "flask", (0.036, 0.016), 0.15, texture_seed=13),
+    )
+    for folder in made:
+        assert_same_look(OBJECTS / folder.name, folder)
+        first, second = Asset.load(OBJECTS / folder.name), Asset.load(folder)
+        assert first.mass == second.mass
+        np.testing.assert_allclose(first.points_O, second.points_O, atol=2e-6)
+        for one, two in zip(first.convex_pieces, second.convex_pieces, strict=True):
+            np.testing.assert_allclose(one, two, atol=2e-6)
 
 
 def test_what_nobody_weighed_weighs_as_the_shipped_ones(tmp_path: Path) -> None:

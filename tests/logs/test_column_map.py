@@ -63,7 +63,8 @@ def ur_rtde(path: Path, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.nda
 
 def iiwa_fri(path: Path, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> Path:
     columns: dict[str, Any] = {"index": np.arange(len(t)), "time": t, "record_time_nsec": 1e18 + 1e9 * t}
-    for name, values in (("mp", q), ("ip", q + 1.0), ("mt", tau), ("et", 0.0 * tau)):
+    # The interface counts measured torques against the joint, as an iiwa's status messages do.
+    for name, values in (("mp", q), ("ip", q + 1.0), ("mt", -tau), ("et", 0.0 * tau)):
         columns |= {f"{name}{k + 1}": values[:, k] for k in range(7)}
     return table(path, columns)
 
@@ -137,6 +138,18 @@ def test_names_may_be_patterns_and_npz_may_be_foreign(tmp_path: Path) -> None:
     assert log.torque is None
     write_log(log, tmp_path / "own.csv")
     assert isinstance(read_log(tmp_path / "own.csv"), Log)
+
+
+@pytest.mark.parametrize("mark", [",", " "])
+def test_the_line_of_names_may_be_a_comment(mark: str, tmp_path: Path) -> None:
+    """As NumPy's `savetxt` writes a header."""
+    t, q, _, tau = motion(2)
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(GOOD))
+    names = mark.join(["time", "q0", "q1", "t0", "t1"])
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t, q, tau]), delimiter=mark, header=names)
+    log = read_log(tmp_path / "a.csv", tmp_path / "map.yaml")
+    np.testing.assert_allclose(log.position, q)
+    np.testing.assert_allclose(log.motor_torque, tau)
 
 
 GOOD: dict[str, Any] = {

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, fingerprint, is_regular, resample, uniform
+from twin_diagram.logs.parting import parted
+from twin_diagram.logs.straightening import straightened
 from twin_diagram.signals.arrays import Array
 
 
@@ -39,6 +43,24 @@ def test_few_samples_and_other_signals_are_joined_by_lines() -> None:
 def test_nothing_is_told_beyond_the_ends(times: list[float]) -> None:
     with pytest.raises(LogError, match=rf"{times[0]:g} to {times[1]:g} s is not within 0 to 1 s"):
         resample(log(np.linspace(0.0, 1.0, 9)), np.array(times))
+
+
+def test_what_a_log_is_known_as_stays() -> None:
+    """Currents do not become torques on the way, nor numbers names."""
+    given = replace(log(np.linspace(0.0, 1.0, 9)), source="a.csv", notes=("odd",), numbered=True, currents=True)
+    found = resample(given, np.linspace(0.0, 1.0, 5))
+    assert (found.source, found.notes, found.numbered, found.currents) == ("a.csv", ("odd",), True, True)
+
+
+@pytest.mark.parametrize("jump", [1e3, 1.7e9])
+def test_a_clock_that_jumped_is_told_and_fills_no_memory(jump: float) -> None:
+    time = np.arange(300) * 0.01
+    time[200:] += jump
+    broken = log(time, np.sin(time))
+    assert straightened(broken) is broken
+    with pytest.raises(LogError, match=r"time: jumps from 1\.99 to .*cut the log there"):
+        uniform(broken)
+    assert [len(part) for part in parted(broken, 0.5)] == [200, 100]
 
 
 def test_times_must_rise_everywhere() -> None:

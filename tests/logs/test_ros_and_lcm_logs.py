@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -149,6 +149,18 @@ def test_stamps_that_are_not_set_give_way_to_the_times_of_arrival(tmp_path: Path
     for state in states:
         state.stamp = 0
     same(read_log(write_bag(tmp_path / "x.mcap", states, lambda k: stamps[k])), HEALTHY)
+
+
+def test_first_messages_without_a_stamp_are_left_out(tmp_path: Path) -> None:
+    """Beside stamps since 1970 a stamp of zero is none; it counts where a simulation's clock begins."""
+    states = states_of(HEALTHY)
+    begun = [replace(state, stamp=0) for state in states[:3]] + states[3:]
+    found = read_log(write_bag(tmp_path / "a.mcap", begun))
+    assert len(found) == len(HEALTHY) - 3
+    np.testing.assert_allclose(found.position, HEALTHY.position[3:])
+    np.testing.assert_allclose(found.time, HEALTHY.time[3:] - HEALTHY.time[3], atol=1e-9)
+    simulated = [replace(state, stamp=state.stamp - BEGIN) for state in states]
+    same(read_log(write_bag(tmp_path / "b.mcap", simulated)), HEALTHY)
 
 
 def test_a_topic_is_named_where_there_are_several(tmp_path: Path) -> None:

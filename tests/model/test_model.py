@@ -299,10 +299,14 @@ def test_friction_that_the_description_states(tmp_path: Path) -> None:
         Model.load(tmp_path / "chain.urdf")
 
 
-@pytest.mark.parametrize("actuator", ["motor", "general", "velocity", ""])
-def test_rotors_that_an_mjcf_states(tmp_path: Path, actuator: str) -> None:
-    """Drake keeps them where it makes the motor itself; most published arms have actuators that it does not know."""
-    motors = "".join(f'<{actuator} joint="{joint}"/>' for joint in ("shoulder", "elbow")) if actuator else ""
+@pytest.mark.parametrize("actuators", [["motor"], ["general"], ["velocity"], [], ["motor", "motor"]])
+def test_rotors_that_an_mjcf_states(tmp_path: Path, actuators: list[str]) -> None:
+    """Drake keeps them where it makes the motor itself; most published arms have actuators that it does not know.
+
+    Two motors on a joint move one rotor.
+    """
+    each = ((f"{kind}_{joint}_{k}", kind, joint) for k, kind in enumerate(actuators) for joint in ("shoulder", "elbow"))
+    motors = "".join(f'<{kind} name="{name}" joint="{joint}"/>' for name, kind, joint in each)
     mjcf = f"""<mujoco model="arm"><default><joint armature="0.3"/></default><worldbody>
       <body name="upper"><joint name="shoulder" axis="0 1 0"/>
         <inertial pos="0.1 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>
@@ -313,6 +317,45 @@ def test_rotors_that_an_mjcf_states(tmp_path: Path, actuator: str) -> None:
     model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", ("shoulder", "elbow"))
     q, v, a = motion(10, 40, 2)
     np.testing.assert_allclose(model.inverse_dynamics(q, v, a), other.inverse_dynamics(q, v, a), atol=1e-9)
+
+
+SEVERAL = """<mujoco model="arm"><compiler angle="radian"/>
+  <default><default class="stiff"><joint damping="0.7" frictionloss="0.4"/></default></default><worldbody>
+  <frame pos="0.1 0 0.2" euler="0.1 0.2 0"><body name="car" pos="0 0 1" euler="0.3 0 0.2" childclass="stiff">
+    <joint name="rail" type="slide" axis="1 0 0"/><joint name="mast" axis="0 0 1" pos="0.1 0 0"/>
+    <joint name="shoulder" axis="0 1 0" damping="0.1"/><geom size="0.1" mass="2" pos="0.1 0 0.2"/>
+    <frame name="side" pos="0 0.2 0" euler="0 0 1"><geom type="box" size="0.1 0.05 0.02" mass="0.5"/>
+      <frame euler="0.4 0 0"><body name="lower" pos="0.3 0 0"><joint name="elbow" axis="0 1 0"/>
+        <geom type="capsule" size="0.05" fromto="0 0 0 0.2 0.1 0" mass="1"/></body></frame></frame>
+  </body></frame></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("included", [False, True])
+def test_bodies_of_several_joints_and_frames_of_an_mjcf(tmp_path: Path, included: bool) -> None:
+    """Drake puts the last joint where the body stands, and passes over frames."""
+    whole, joints = SEVERAL, ("rail", "mast", "shoulder", "elbow")
+    if included:
+        start, end = whole.index("<frame pos"), whole.index("</worldbody>")
+        (tmp_path / "rest.xml").write_text(f"<mujocoinclude>{whole[start:end]}</mujocoinclude>")
+        whole = whole[:start] + '<include file="rest.xml"/>' + whole[end:]
+    (tmp_path / "arm.xml").write_text(whole)
+    model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", joints)
+    assert model.joints == joints
+    assert [effect.joints for effect in model.effects] == [joints]
+    q, v, a = motion(10, 40, 4)
+    smooth = model.with_effects([]).law.rigid(q, v, a)
+    other.model.dof_frictionloss[:] = 0.0
+    np.testing.assert_allclose(smooth, other.inverse_dynamics(q, v, a), atol=1e-9)
+
+
+def test_what_frames_of_an_mjcf_may_not_hold(tmp_path: Path) -> None:
+    spoilt = SEVERAL.replace('<geom type="box"', '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="box"')
+    (tmp_path / "arm.xml").write_text(spoilt)
+    with pytest.raises(ModelError, match="'side': a joint or a mass within a frame"):
+        Model.load(tmp_path / "arm.xml")
+    (tmp_path / "arm.xml").write_text(SEVERAL.replace("<compiler ", '<compiler settotalmass="5" '))
+    with pytest.raises(ModelError, match="settotalmass 5"):
+        Model.load(tmp_path / "arm.xml")
 
 
 def test_free_bases_are_welded(tmp_path: Path) -> None:
@@ -338,6 +381,20 @@ def test_mimicking_joints_have_no_motor(tmp_path: Path) -> None:
     )
     (tmp_path / "chain.urdf").write_text(text)
     assert Model.load(tmp_path / "chain.urdf").joints == ("rail", "shoulder")
+
+
+def test_a_joint_that_follows_another_may_not_carry_the_arm(tmp_path: Path) -> None:
+    """Held where it is, all behind it would stand elsewhere; named as driven, it is one of the arm's."""
+    text = chain(tmp_path).read_text()
+    axis = '<axis xyz="0 1 0"/>'
+    assert text.count(axis) == 1
+    (tmp_path / "chain.urdf").write_text(text.replace(axis, f'{axis}<mimic joint="rail"/>'))
+    with pytest.raises(ModelError, match="'shoulder' follows 'rail' and carries 'elbow'"):
+        Model.load(tmp_path / "chain.urdf")
+    named = ArmModel(model=str(tmp_path / "chain.urdf"), joints=["rail", "shoulder", "elbow"], tool_frame="")
+    assert Model.load(named).joints == ("rail", "shoulder", "elbow")
+    alone = dataclasses.replace(named, joints=["elbow"])  # the rail stands still, and so does what follows it
+    assert Model.load(alone).joints == ("elbow",)
 
 
 def test_save_and_load(tmp_path: Path) -> None:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from twin_diagram.errors import ScenarioError, TwinError
 from twin_diagram.runs import many_seeds
 from twin_diagram.runs.many_seeds import run_seeds, seed_line, tell_seeds
 
@@ -96,3 +100,45 @@ def test_each_seed_has_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     folders = {5: "seed_0005", 12: "seed_0012"}
     tasks = [("tabletop", ["duration=1.0"], seed, str(out / name)) for seed, name in folders.items()]
     assert seen == [(tasks, 3)] and out.is_dir()
+
+
+def odd_run(task: many_seeds.Task, back: Any) -> None:
+    """In place of a run: one that comes to its end, and others that do not."""
+    name, _, seed, folder = task
+    if name == "sleeps" and seed > 1:
+        Path(folder).write_text(str(os.getpid()))
+        time.sleep(600.0)
+    if name == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if name == "fails":
+        raise ValueError
+    back.send(ScenarioError("world", "nothing in it") if name == "wrong" else {"seed": seed})
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("killed", "seed 4: its process was ended by a signal: Killed"),
+        ("fails", "seed 4: its process ended with status 1"),
+        ("wrong", "world: nothing in it"),
+    ],
+)
+def test_a_run_that_does_not_end_by_itself_ends_all(name: str, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pool waited forever for one that was killed."""
+    monkeypatch.setattr(many_seeds, "_send_one", odd_run)
+    with pytest.raises(TwinError) as error:
+        list(many_seeds._summaries([("fine", [], 3, ""), (name, [], 4, "")], 2))
+    assert str(error.value) == told
+
+
+def test_runs_end_where_nobody_wants_them_any_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(many_seeds, "_send_one", odd_run)
+    summaries = many_seeds._summaries([("sleeps", [], seed, str(tmp_path / str(seed))) for seed in range(1, 9)], 2)
+    assert next(summaries) == {"seed": 1}
+    pid = ""
+    while not pid:
+        time.sleep(0.05)
+        pid = (tmp_path / "2").read_text() if (tmp_path / "2").exists() else ""
+    summaries.close()  # type: ignore[attr-defined]
+    assert not Path("/proc", pid).exists()
+    assert {path.name for path in tmp_path.iterdir()} <= {"2", "3"}, "those that had not begun never do"

@@ -68,7 +68,7 @@ class Struck:
 def test_the_arm_brakes_is_told_of_and_goes_on(
     number: signal.Signals, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    quick = replace(search_process.TUNING, patience=8.0, pauses=(0.3, 0.6))
+    quick = replace(search_process.TUNING, patience=8.0, beginning=8.0, pauses=(0.3, 0.6))
     monkeypatch.setattr(search_process, "TUNING", quick)
     struck = Struck(monkeypatch, number, 0.2)
     with caplog.at_level(logging.WARNING, "twin_diagram"):

@@ -11,6 +11,7 @@ import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ import twin_diagram
 from tests.small_loop import small_scenario
 from twin_diagram.logs import read_log
 from twin_diagram.runs import replay_log, run_scenario
+from twin_diagram.runs import run as runs
 from twin_diagram.runs.many_seeds import _run_one
 from twin_diagram.runs.run_folder import EVENTS
 from twin_diagram.scenario import ArmModel, EffectSpec, Healing, Scenario
@@ -208,3 +210,15 @@ def test_a_seed_that_was_stopped_runs_again(tmp_path: Path, monkeypatch: pytest.
     for summary, found in (({"seed": 1}, {"seed": 1}), ({"stopped": True}, {"again": True})):
         (folder / "summary.json").write_text(json.dumps(summary))
         assert _run_one(task) == found
+
+
+def test_what_was_not_picked_up_yet_when_a_run_was_stopped_is_not_carried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "summarize", lambda record, **figures: figures)
+    plan = Scenario(duration=5.0)
+    plan.world.arm.effects = [EffectSpec("payload", parameters={"mass": [0.8]}, onset=2.0)]
+    for stop, end, carried in ((None, 5.0, 0.8), (KeyboardInterrupt(), 1.0, 0.0), (KeyboardInterrupt(), 3.0, 0.8)):
+        trial: Any = SimpleNamespace(stop=stop, record=SimpleNamespace(time=np.array([0.0, end])))
+        loop: Any = SimpleNamespace(scenario=plan)
+        figures = runs.summary_of(loop, trial, {})
+        assert figures["duration"] == end
+        assert figures["payload_true"] == carried

@@ -59,6 +59,16 @@ def test_it_ends_with_a_starter_that_is_gone(tmp_path: Path) -> None:
     pytest.fail("it lives")
 
 
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 always looks there")
+def test_files_where_the_user_works_are_none_of_its_modules(tmp_path: Path) -> None:
+    (tmp_path / "queue.py").write_text("raise SystemExit('the user's own')")
+    done = subprocess.run(
+        [sys.executable, "-m", "twin_diagram.runtime.worker"],
+        cwd=tmp_path, env=environment(), stdin=subprocess.DEVNULL, capture_output=True, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (ORPHANED, ""), "it began, and ended with its input"
+
+
 @pytest.mark.parametrize(
     ("script", "told"),
     [

@@ -403,6 +403,8 @@ def test_a_scenario_that_comes_along_is_found_by_name() -> None:
         ("? [1]\n: 2\n{", 3),
         ("seed: *unknown\n", 1),
         ("seed: !!python/object:os.system x\n", 1),
+        ("twin:\n  home: [1.0]\nseed: 1\ntwin:\n  filter: {rate: 100}\n", 4),
+        ("twin:\n  filter: {rate: 100,\n    rate: 200}\n", 3),
     ],
 )
 def test_broken_yaml_names_file_and_line(tmp_path: Path, text: str, line: int) -> None:

@@ -1,8 +1,9 @@
-"""A user's own controller and perception in the twin's place, by their ports' names."""
+"""A user's own station, controller and perception in the twin's place, by their ports' names."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from tests.small_loop import BLIND, small_scenario
 from twin_diagram.errors import TwinError
-from twin_diagram.signals.layouts import MEASUREMENT_SIZE, ObjectStatus, PoseMeasurement, Track
+from twin_diagram.runs import replay_log, run_scenario
+from twin_diagram.signals.layouts import MEASUREMENT_SIZE, TRACK_SIZE, ObjectStatus, PoseMeasurement, Track
 from twin_diagram.twin import make_closed_loop, make_twin
 
 N = 7
@@ -123,6 +125,89 @@ def test_a_perception_that_does_not_fit_is_refused_by_the_ports_name(perception:
     assert said in str(caught.value)
 
 
-def test_a_perception_without_a_camera_has_nothing_to_see() -> None:
-    with pytest.raises(TwinError, match=r"twin\.camera is null"):
+class Markers(LeafSystem):
+    """Poses from elsewhere, without any image: one object slides along x at 0.1 m/s."""
+
+    def __init__(self, objects: int) -> None:
+        super().__init__()
+        self.objects = objects
+        self.DeclareVectorOutputPort("object_poses", MEASUREMENT_SIZE * objects, self.calc)
+        self.DeclareVectorOutputPort("image_time", 1, lambda context, output: output.SetFromVector([self.at(context)]))
+
+    def at(self, context: Context) -> float:
+        return float(np.floor(30.0 * context.get_time() + 1e-9) / 30.0)
+
+    def calc(self, context: Context, output: BasicVector) -> None:
+        t = self.at(context)
+        pose = np.array([1.0, 0.0, 0.0, 0.0, 0.5 + 0.1 * t, 0.1, 0.05])
+        output.SetFromVector(np.tile(PoseMeasurement(1.0, t, pose, 1e-8 * np.eye(6)).pack(), self.objects))
+
+
+def test_poses_from_elsewhere_need_no_camera() -> None:
+    scenario = small_scenario(*BLIND)
+    loop = make_closed_loop(scenario, perception=Markers(len(scenario.twin.library)))
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(1.0)
+    twin = loop.twin.diagram
+    context = twin.GetMyContextFromRoot(simulator.get_context())
+    track = Track.unpack(np.array(twin.GetOutputPort("tracks").Eval(context))[:TRACK_SIZE])
+    assert track.status in (ObjectStatus.TRACKED, ObjectStatus.MOVING) and loop.twin.lacking(context) == []
+    np.testing.assert_allclose(track.pose[4:], [0.6, 0.1, 0.05], atol=3e-3)
+
+
+def test_poses_without_images_tell_when_they_were_measured() -> None:
+    with pytest.raises(TwinError, match="no output port 'image_time'"):
         make_twin(small_scenario(*BLIND).twin, perception=Declared({}, {"object_poses": 90}))
+    with pytest.raises(TwinError, match="'rgb_image' is none that the twin can feed"):
+        own = Declared({"rgb_image": 3}, {"object_poses": 90, "image_time": 1})
+        make_twin(small_scenario(*BLIND).twin, perception=own)
+
+
+class Driver(LeafSystem):
+    """A station in a few lines: an arm that stands still and tells so every 5 ms, without torque."""
+
+    def __init__(self, home: list[float], left_out: str = "", n: int = N) -> None:
+        super().__init__()
+        self.home = np.array(home)
+        self.DeclareVectorInputPort("arm.position_commanded", n)
+        values = {
+            "arm.position_measured": lambda t: self.home,
+            "arm.velocity_estimated": lambda t: np.zeros(N),
+            "arm.torque_measured": lambda t: np.zeros(N),
+            "arm.measurement_time": lambda t: [np.floor(200.0 * t + 1e-9) / 200.0],
+            "gripper.state_measured": lambda t: np.zeros(4),
+            "spindle.temperature": lambda t: [20.0],
+        }
+        for name, value in values.items():
+            if name != left_out:
+
+                def calc(context: Context, output: BasicVector, value: Callable[[float], Any] = value) -> None:
+                    output.SetFromVector(np.array(value(context.get_time())))
+
+                self.DeclareVectorOutputPort(name, len(value(0.0)), calc, {self.time_ticket()})
+
+
+def test_a_station_of_ones_own_is_watched_and_run(tmp_path: Path) -> None:
+    scenario = small_scenario(*BLIND, "duration=0.3")
+    home = scenario.twin.home
+    told = run_scenario(scenario, station=Driver(home), record=tmp_path / "rec", quiet=True, say=lambda text: None)
+    np.testing.assert_allclose(list(told["joints"].values()), home, atol=1e-3)
+    assert told["health"] == [] and "objects" in told
+    again = replay_log(tmp_path / "rec", say=lambda text: None)
+    assert again["joints"] == told["joints"]
+
+
+@pytest.mark.parametrize(
+    ("station", "said"),
+    [
+        (lambda home: Driver(home, left_out="arm.torque_measured"), "no output port 'arm.torque_measured'"),
+        (lambda home: Driver(home, n=6), "'arm.position_commanded' has 6 numbers, the twin's has 7"),
+        (lambda home: Declared({"arm.speed_commanded": 7}, {}), "'arm.speed_commanded' is none that the twin can feed"),
+        (lambda home: home, "is no Drake System"),
+    ],
+)
+def test_a_station_that_does_not_fit_is_refused_by_the_ports_name(station: Callable[[Any], Any], said: str) -> None:
+    scenario = small_scenario(*BLIND)
+    with pytest.raises(TwinError, match=r"^station: ") as caught:
+        make_closed_loop(scenario, station=station(scenario.twin.home))
+    assert said in str(caught.value)

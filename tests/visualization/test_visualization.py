@@ -32,7 +32,7 @@ from twin_diagram.visualization.diagram_svg.graph import Block, BlockGraph
 from twin_diagram.visualization.diagram_svg.routes import layout
 from twin_diagram.visualization.diagram_svg.svg import draw, write_diagram_svg
 from twin_diagram.visualization.ellipsoids import DEVIATIONS, ellipsoid
-from twin_diagram.visualization.ghost import OBJECT_COLOUR, make_ghost
+from twin_diagram.visualization.ghost import OBJECT_COLOUR, _swollen_mesh, make_ghost
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -309,6 +309,13 @@ def test_ghosts_are_blue_and_fixtures_hidden() -> None:
         properties: IllustrationProperties = inspector.GetIllustrationProperties(geometry_id)
         colour = properties.GetProperty("phong", "diffuse")
         assert colour.b() == OBJECT_COLOUR.b() and 0 < colour.a() < 1
+
+
+def test_a_mesh_with_names_in_another_encoding_becomes_a_ghost_too(tmp_path: Path) -> None:
+    file = tmp_path / "link.obj"
+    file.write_bytes("# Gehäuse\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n".encode("latin-1"))
+    contents = _swollen_mesh(file, np.ones(3)).source().in_memory().mesh_file.contents()
+    assert b"v -0.0015 -0.0015 -0.0015" in contents and b"f 1 2 4" in contents
 
 
 @given(st.lists(st.floats(-1, 1), min_size=9, max_size=9))

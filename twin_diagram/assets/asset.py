@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -105,8 +106,8 @@ def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
         try:
             with np.load(cached, allow_pickle=False) as data:
                 arrays = [np.array(data[key], dtype=float) for key in ("points", "normals", "colours")]
-        except (OSError, ValueError, KeyError) as error:
-            raise AssetError(f"{cached}: {error}") from None
+        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            raise AssetError(f"{cached}: cannot be read: {error}; build the asset anew") from None
         points, normals, colours = arrays
         good = points.ndim == 2 and points.shape[1] == 3 and points.shape == normals.shape == colours.shape
         if not good or len(points) < 100 or not all(np.isfinite(a).all() for a in arrays):
@@ -130,6 +131,9 @@ def _vertices(solid: CollisionShape, where: Path) -> Array:
     expected = {"box": 3, "cylinder": 2}.get(solid.kind)
     if expected is None or len(solid.size) != expected or not (np.array(solid.size) > 0).all():
         raise AssetError(f"{where}: no such solid: {solid.kind} of size {solid.size}")
+    for name, numbers in (("translation", solid.translation), ("rpy", solid.rpy)):
+        if len(numbers) != 3 or not np.isfinite(numbers).all():
+            raise AssetError(f"{where}: a solid's {name} is three numbers, not {numbers}")
     if solid.kind == "box":
         corners = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).T.reshape(-1, 3) * solid.size
     else:

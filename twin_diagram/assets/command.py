@@ -34,7 +34,11 @@ def add_asset_commands(commands: Any) -> None:
     build.add_argument("--cube-edge", type=float, metavar="M", help="edge of the green cube in predictions [m]")
     build.add_argument("--unit", default="m", help="of the mesh: m, cm, mm or in (default: %(default)s)")
     build.add_argument(
-        "--root", type=Path, metavar="DIR", help="folder within which a mesh may name textures (default: its own)"
+        "--root",
+        type=Path,
+        metavar="DIR",
+        help="folder within which a mesh may name textures, also without their folder, as those in "
+        "DIR/materials/textures (default: its own)",
     )
     build.add_argument("--replace", action="store_true", help="write an asset of that name anew")
     build.set_defaults(command=_build)

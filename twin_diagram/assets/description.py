@@ -111,10 +111,7 @@ def read_spec(folder: Path) -> AssetSpec:
 
 
 def solid_inertia(spec: AssetSpec) -> Array:
-    """Return (3, 3) moments about the centre of mass of a full box.
-
-    Or else of a full upright cylinder, of uniform density.
-    """
+    """Return (3, 3) moments about its centre of a full box, or else a full upright cylinder, of even density."""
     x, y, z = spec.size
     m = spec.mass
     if spec.shape == "box":
@@ -140,10 +137,7 @@ def shell_inertia(mesh: Mesh, mass: float) -> tuple[Array, Array]:
 
 
 def feet(solid: CollisionShape) -> Array:
-    """Return centres (k, 3) of the spheres on which an object stands.
-
-    Corners of a box, eight along each rim of a cylinder.
-    """
+    """Return centres (k, 3) of spheres on which an object stands: corners of a box, eight along a cylinder's rims."""
     if solid.kind == "box":
         half = np.asarray(solid.size) / 2 - TUNING.foot
         return np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3) * half

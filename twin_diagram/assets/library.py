@@ -113,6 +113,9 @@ def _check_model(spec: AssetSpec, asset: Asset) -> None:
         plant.Finalize()
     except (RuntimeError, ValueError) as error:
         raise AssetError(f"{asset.model_file}: {str(error).strip().splitlines()[0]}") from None
+    links = [plant.get_body(index).name() for index in plant.GetBodyIndices(instance)]
+    if len(links) > 1:
+        raise AssetError(f"{asset.model_file}: an object is one link, these are {len(links)}: {', '.join(links)}")
     if not np.isclose(body.default_mass(), spec.mass, rtol=1e-6):
         raise AssetError(f"{asset.model_file}: has a mass of {body.default_mass():g} kg, asset.yaml of {spec.mass:g}")
     moments = _principal_moments(asset.model_file)

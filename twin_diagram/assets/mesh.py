@@ -98,6 +98,8 @@ def read_obj(path: Path) -> Mesh:
         normals = np.zeros_like(vertices)
         for k in range(3):
             np.add.at(normals, faces[:, k], flat)
+    if not (np.isfinite(uv).all() and np.isfinite(normals).all()):
+        raise AssetError(f"{path}: a texture coordinate or a normal is not finite")
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return Mesh(vertices, normals, uv, faces)
 
@@ -198,12 +200,10 @@ def bilinear(image: Image, uv: Array) -> Array:
 
 
 def sample(mesh: Mesh, texture: Image, count: int, seed: int = 0) -> Cloud:
-    """Return `count` points spread evenly over the surface, in random order.
-
-    So that any prefix is an even sample too.
-    """
+    """Return `count` points spread evenly over the surface, in random order: the first few are an even sample, too."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)  # twice the areas: shares are what counts
+    across = np.cross(b - a, c - a)
+    doubled = np.linalg.norm(across, axis=1)  # twice the areas: shares are what counts
     rng = np.random.default_rng(seed)
     # One draw per equal share of area keeps the number of points on each face nearly exact.
     position = (np.arange(count) + rng.random(count)) / count * doubled.sum()
@@ -213,5 +213,8 @@ def sample(mesh: Mesh, texture: Image, count: int, seed: int = 0) -> Cloud:
     corner = mesh.faces[face]
     order = rng.permutation(count)
     points, normals, uv = ((v[corner] * share).sum(axis=1)[order] for v in (mesh.vertices, mesh.normals, mesh.uv))
-    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    # Where both sides of a sheet share their vertices these have no normal: the triangle's own.
+    flat = (across[face] / np.maximum(doubled[face], 1e-300)[:, None])[order]
+    normals = np.where(length > 0.0, normals / np.where(length > 0.0, length, 1.0), flat)
     return Cloud(points, normals, bilinear(texture, uv))

@@ -41,7 +41,7 @@ TUNING = Tuning()
 def write_box(
     folder: str | Path, name: str, size: tuple[float, float, float], texture_seed: int = 0, mass: float = 0.4
 ) -> Path:
-    """Return a full box with edge lengths `size` [m]; O at its centre. Returns the folder.
+    """Write a full box with edge lengths `size` [m], O at its centre; return its folder.
 
     Raises:
         AssetError: a length or the mass is not positive.
@@ -54,7 +54,7 @@ def write_box(
 def write_can(
     folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.35
 ) -> Path:
-    """Return a full can, declared symmetric about z; O at its centre. Returns the folder."""
+    """Write a full can, declared symmetric about z, O at its centre; return its folder."""
     _check(name, mass, radius, height)
     size = [2 * radius, 2 * radius, height]
     spec = AssetSpec(name, "can", size, mass, "z", texture_seed, solids=[CollisionShape("cylinder", [radius, height])])
@@ -64,7 +64,7 @@ def write_can(
 def write_bottle(
     folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.5
 ) -> Path:
-    """Return a bottle whose texture breaks its symmetry about z; O on the axis half-way up. Returns the folder."""
+    """Write a bottle whose texture breaks its symmetry about z, O on the axis half-way up; return its folder."""
     _check(name, mass, radius, height)
     body, top = 0.72 * height, 0.82 * height
     solids = [
@@ -79,7 +79,7 @@ def write_bottle(
 def write_mug(
     folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.3
 ) -> Path:
-    """Return an open mug with its handle towards +x; O on the axis half-way up. Returns the folder."""
+    """Write an open mug with its handle towards +x, O on the axis half-way up; return its folder."""
     _check(name, mass, radius, height)
     bow_x, bow_z = shapes.handle_reach(radius, height)
     reach = radius + bow_x + shapes.TUNING.handle_tube

@@ -38,7 +38,7 @@ class _Chart:
 
 
 def _assemble(charts: list[_Chart], columns: int, width: int, height: int) -> Patchwork:
-    """Lays charts out on a regular atlas, `columns` beside each other, each `width` by `height` texels."""
+    """Lay charts out on a regular atlas, `columns` beside each other, each `width` by `height` texels."""
     rows = -(-len(charts) // columns)
     texels = np.zeros((rows * height, columns * width, 3))
     vertices, normals, uvs, faces = [], [], [], []
@@ -160,10 +160,7 @@ def mug(radius: float, height: float) -> Patchwork:
 
 
 def handle_reach(radius: float, height: float) -> tuple[float, float]:
-    """Return how far a mug's handle reaches out from the wall.
-
-    And half its height [m], both to the tube's centre line.
-    """
+    """Return how far a mug's handle reaches out from the wall, and half its height [m], to the tube's centre line."""
     return 0.62 * radius, 0.30 * height
 
 

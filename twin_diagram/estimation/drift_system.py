@@ -21,6 +21,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario import Drift, Filter
+from twin_diagram.scenario.validation import check_filter
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, ALARM_SIZE, NEVER
 
@@ -78,6 +79,7 @@ class DriftMonitor(ModelUser[Monitor]):
             tuning: of the filter that it watches.
         """
         super().__init__()
+        check_filter(tuning)
         self._params, self._tuning = params, tuning
         self.monitor = self._make(model)
         self._begin_with(self.monitor)
@@ -127,7 +129,7 @@ class DriftMonitor(ModelUser[Monitor]):
         context.SetDiscreteState(0, made.vector)
 
     def _make(self, model: Model | ArmTerms) -> Monitor:
-        terms = model if isinstance(model, ArmTerms) else ArmTerms.from_model(model)
+        terms = ArmTerms.of(model)
         return Monitor(terms, self._params, self._tuning, self._sizes(terms))
 
     def _sizes(self, terms: ArmTerms) -> dict[str, int]:

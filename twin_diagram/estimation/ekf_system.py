@@ -169,7 +169,7 @@ class AdaptiveEkf(ModelUser[Ekf]):
         return ekf
 
     def _filter(self, model: Model | ArmTerms) -> Ekf:
-        ekf = Ekf(model if isinstance(model, ArmTerms) else ArmTerms.from_model(model), self._params)
+        ekf = Ekf(model, self._params)
         for spec in self._params.sensors:
             ekf.add(make_sensor(ekf.terms, spec))
         return ekf

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.errors import LogError, ModelError, TwinError
+from twin_diagram.errors import LogError, ModelError, TwinError, expect_path
 from twin_diagram.gap.correction.held_out_evidence import confirmed
 from twin_diagram.gap.experiments import advice as texts
 from twin_diagram.gap.experiments.trajectories import Experiment, design, visited
@@ -295,6 +295,7 @@ def _read(
     torque_side: str | None = None,
     constants: TorqueConstants | None = None,
 ) -> tuple[Model, list[Log], Log, list[str]]:
+    expect_path(model, "model", "a URDF, SDF or MJCF file, or of a corrected model's folder")
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
     if not Path(model).exists():

@@ -84,10 +84,10 @@ PRESETS: Final[Mapping[str, Preset]] = {
         time={"column": "time"},
         signals={
             "position_measured": {"column": "mp{i}", "first": 1},
-            "torque_measured": {"column": "mt{i}", "first": 1},
+            "torque_measured": {"column": "mt{i}", "first": 1, "sign": -1},
         },
         source="KUKA FRI through pyfri, collect_data (lbr-stack/pyfri, doc/examples.rst): measured position [rad] and "
-        "torque [N·m], behind the gear",
+        "torque [N·m], behind the gear, as FRI counts it: against the joint (Drake, manipulation/README.md)",
         side="link",
     ),
 }

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.errors import LogError
+from twin_diagram.errors import LogError, expect_path
 from twin_diagram.logs.column_map import column_map
 from twin_diagram.logs.measured_log import SIGNALS, Log
 from twin_diagram.signals.arrays import Array
@@ -64,6 +64,7 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
             finite; a signal that lacks a joint; time that does not rise. The message names column and line. A joint
             that has no torque where others have is left out, with a note.
     """
+    expect_path(path, "log", "a measured log")
     path, stream = _parted(Path(path))
     suffix = path.suffix.lower()
     if columns is not None:
@@ -268,7 +269,7 @@ def _quickly(path: Path, width: int) -> Array | None:
 def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
     """Return those of the wanted columns that a foreign CSV file has; what else stands in it may be text.
 
-    Cells are separated by commas, semicolons, tabs or spaces, whichever the first line shows.
+    Cells are separated by commas, semicolons, tabs or spaces, whichever the first line shows; that may begin with `#`.
 
     Raises:
         LogError: as `read_log`.
@@ -279,6 +280,7 @@ def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
         raise _no_text(path) from error
     if not lines or not lines[0].strip():
         raise LogError(f"{path}: is empty; its first line must name the columns")
+    lines[0] = lines[0].lstrip("# ")
     mark = next((mark for mark in ",;\t" if mark in lines[0]), "")
     parted = csv.reader(lines, delimiter=mark, skipinitialspace=True) if mark else [line.split() for line in lines]
     rows = [[cell.strip() for cell in row] for row in parted]

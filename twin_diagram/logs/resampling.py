@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import scipy
 
@@ -9,6 +11,18 @@ from twin_diagram.errors import LogError
 from twin_diagram.logs.fingerprint import fingerprint
 from twin_diagram.logs.measured_log import SIGNALS, Log
 from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand."""
+
+    most: float = 20.0
+    """Times its samples that a log's time may hold of its periods: what is silent for longer is several runs, or a
+    clock that jumped, and even times would not fit in memory."""
+
+
+TUNING = Tuning()
 
 
 def resample(log: Log, times: Array) -> Log:
@@ -38,19 +52,33 @@ def resample(log: Log, times: Array) -> Log:
             continue
         degree = 3 if attribute == "position" and len(log) > 3 else 1
         signals[attribute] = scipy.interpolate.make_interp_spline(log.time, values, k=degree)(times)
-    return Log(time=times, joints=log.joints, source=log.source, identity=fingerprint(log), **signals)
+    return replace(log, time=times, identity=fingerprint(log), **signals)
 
 
 def uniform(log: Log, rate: float | None = None) -> Log:
     """Return the log at a constant rate [1/s].
 
     None: its own, and the log itself where its times are regular already.
+
+    Raises:
+        LogError: it is silent for nearly all of its time.
     """
+    if is_silent(log):
+        k = int(np.argmax(np.diff(log.time)))
+        raise LogError(
+            f"{log.source}: time: jumps from {log.time[k]:.6g} to {log.time[k + 1]:.6g} s, far more than all its "
+            "samples last; cut the log there"
+        )
     period = log.period if rate is None else 1.0 / rate
     if rate is None and is_regular(log.time):
         return log
     count = int(np.floor((log.time[-1] - log.time[0]) / period * (1.0 + 1e-12))) + 1
     return resample(log, np.minimum(log.time[0] + period * np.arange(count), log.time[-1]))
+
+
+def is_silent(log: Log) -> bool:
+    """Return whether a log says nothing for nearly all of its time."""
+    return bool(log.time[-1] - log.time[0] > TUNING.most * len(log) * log.period)
 
 
 def is_regular(time: Array, tolerance: float = 1e-3) -> bool:

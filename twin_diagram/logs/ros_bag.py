@@ -23,6 +23,8 @@ USUAL = "/joint_states"
 """The topic by ROS's convention."""
 SIGNALS = ("position", "velocity", "effort")
 """Fields of a joint state that hold a number per joint."""
+REAL = 10**18
+"""Stamps beyond this are of a real clock, which began in 1970, and not of a simulation's [ns]."""
 
 
 @dataclass
@@ -38,9 +40,10 @@ class _Group:
 def read_ros_bag(path: Path, topic: str = "") -> Log:
     """Return the log of the joints that a bag's joint states tell of; torques are its efforts [N·m].
 
-    Times are the messages' own stamps, else when they were received, from the first one on. Joints whose position or
-    effort is not given (NaN, or zero throughout) are left out, which the log's notes say. Where several publishers
-    share a topic, the others' joints are brought to the times of the one that tells of most.
+    Times are the messages' own stamps, else when they were received, from the first one on; where others have stamps,
+    messages without are left out. Joints whose position or effort is not given (NaN, or zero throughout) are left out,
+    which the log's notes say. Where several publishers share a topic, the others' joints are brought to the times of
+    the one that tells of most.
 
     Args:
         path: file or folder.
@@ -144,7 +147,9 @@ def _part(group: _Group, source: str, notes: list[str]) -> tuple[Log, int] | Non
     if not len(kept):
         return None
     stamps = np.array(group.stamps if any(group.stamps) else group.received, dtype=np.int64)
-    order = in_order(stamps, source, lambda k: f"message {k + 1} of {names}")
+    # Beside a real clock's stamps zero is none; a simulation's clock begins there.
+    stamped = np.flatnonzero((stamps > 0) | (np.max(stamps) < REAL))
+    order = stamped[in_order(stamps[stamped], source, lambda k: f"message {stamped[k] + 1} of {names}")]
     velocity = columns["velocity"]
     if velocity is not None and np.any(np.isnan(velocity[:, kept])):
         velocity = None

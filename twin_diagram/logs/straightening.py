@@ -8,7 +8,7 @@ import numpy as np
 
 from twin_diagram.logs.fingerprint import fingerprint
 from twin_diagram.logs.measured_log import Log
-from twin_diagram.logs.resampling import is_regular, uniform
+from twin_diagram.logs.resampling import is_regular, is_silent, uniform
 from twin_diagram.signals.arrays import Array
 
 
@@ -43,9 +43,9 @@ def straightened(log: Log) -> Log:
     """Return the log with evenly spread times, where its positions are smoother that way.
 
     Times that jitter are either when the samples were taken, or late stamps on even ones; the wrong reading makes
-    position noise of speed times jitter.
+    position noise of speed times jitter. Of a log that is silent for nearly all of its time, none are looked for.
     """
-    if is_regular(log.time) or len(log) < 50:
+    if is_regular(log.time) or len(log) < 50 or is_silent(log):
         return log
     index = np.arange(len(log))
     straight: Array = np.polynomial.Polynomial.fit(index, log.time, 1)(index)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin_diagram.errors import LogError
+from twin_diagram.errors import LogError, expect
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
@@ -20,6 +20,7 @@ def write_log(log: Log, path: str | Path) -> None:
     Raises:
         LogError: another suffix, or the folder cannot be written.
     """
+    expect(log, Log, "log", "a Log (as read_log returns it)")
     write_columns(log.columns(), path)
 
 

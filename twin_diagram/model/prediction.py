@@ -259,7 +259,7 @@ def predict(
     torque_side: str | None = None,
     constants: TorqueConstants | None = None,
 ) -> list[LogWarning]:
-    """Read a log, and writes `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
+    """Read a log, and write `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
 
     Args:
         model: a description, or the folder of a corrected model.

@@ -162,11 +162,6 @@ def _put(state: State, rows: Any, part: State) -> None:
         getattr(state, name)[rows] = getattr(part, name)
 
 
-def measured(model: Model, q: Array) -> Array:
-    """Return what encoders read at true positions (…, n)."""
-    return model.measured_position(q)
-
-
 def start(model: Model, state: State, tau: Array, *, at_rest: bool) -> State:
     """Return accelerations at the start, and twists where they are not known: those that carry the load.
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from typing import Any
 
+from twin_diagram.errors import TwinError
 from twin_diagram.runs.randomization import vary
 from twin_diagram.runs.run import run_scenario
 from twin_diagram.runs.score import within
@@ -50,7 +54,8 @@ def run_seeds(
         The summaries, in order, each as soon as it is there.
 
     Raises:
-        TwinError: the scenario does not fit, before `out` is made; or a run finds out that it does not.
+        TwinError: the scenario does not fit, before `out` is made; or a run finds out that it does not, or its process
+            was ended from outside, as where memory is short.
     """
     load_scenario(scenario, overrides)  # what is wrong with it is said before anything starts
     out.mkdir(parents=True, exist_ok=True)
@@ -93,9 +98,53 @@ def seed_line(summary: Mapping[str, Any], kept: Mapping[str, bool]) -> str:
 
 
 def _summaries(tasks: list[Task], jobs: int) -> Iterator[dict[str, Any]]:
-    # A process per run: Drake never frees a Diagram that holds Python systems.
-    with get_context("spawn").Pool(jobs, maxtasksperchild=1) as pool:
-        yield from pool.imap(_run_one, tasks)
+    stopped = Event()
+    with ThreadPoolExecutor(jobs) as pool:
+        runs = [pool.submit(_beside, task, stopped) for task in tasks]
+        try:
+            for run in runs:
+                yield run.result()
+        finally:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)
+
+
+def _beside(task: Task, stopped: Event) -> dict[str, Any]:
+    """Return what `_run_one` does in a process of its own, which is killed where all is stopped.
+
+    A process per run, for Drake never frees a Diagram that holds Python systems; none of multiprocessing's pools, which
+    waits forever for what a process that was killed was to do.
+    """
+    context = get_context("spawn")
+    back, there = context.Pipe(duplex=False)
+    process = context.Process(target=_send_one, args=(task, there))
+    process.start()
+    there.close()
+    try:
+        while not back.poll(0.2):
+            if stopped.is_set():
+                raise TwinError(f"seed {task[2]}: stopped")
+        outcome: dict[str, Any] | Exception = back.recv()
+    except EOFError:
+        process.join()
+        status = process.exitcode or 0
+        ending = f"was ended by a signal: {signal.strsignal(-status)}" if status < 0 else f"ended with status {status}"
+        raise TwinError(f"seed {task[2]}: its process {ending}") from None
+    finally:
+        process.kill()
+        process.join()
+        process.close()
+        back.close()
+    if isinstance(outcome, Exception):
+        raise outcome
+    return outcome
+
+
+def _send_one(task: Task, back: Connection) -> None:
+    try:
+        back.send(_run_one(task))
+    except TwinError as error:
+        back.send(error)
 
 
 def _end_with_parent() -> None:
@@ -113,7 +162,7 @@ def _run_one(task: Task) -> dict[str, Any]:
     name, overrides, seed, folder = task
     done = Path(folder) / "summary.json"
     if done.is_file():
-        summary = dict(json.loads(done.read_text()))
+        summary = dict(json.loads(done.read_text(encoding="utf-8")))
         if not summary.get("stopped"):
             return summary
     base = load_scenario(name, overrides)

@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs import log_from_columns, write_log
@@ -66,7 +66,7 @@ class Looking:
         self._lcm = DrakeLcm() if meldis else None
         self.scenes: MeshcatScenes | None = None
 
-    def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
+    def add(self, builder: DiagramBuilder, station: System, twin: TwinDiagram) -> None:
         """Add visualisers."""
         real = station.GetOutputPort(ports.QUERY_OBJECT) if station.HasOutputPort(ports.QUERY_OBJECT) else None
         if real is not None:
@@ -132,7 +132,7 @@ class Keeping:
         self._writer = stack.enter_context(open_recording(scenario, record, rows))
         self._writer.attach(SCENARIO_FILE, dump_scenario(scenario))
 
-    def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
+    def add(self, builder: DiagramBuilder, station: System, twin: TwinDiagram) -> None:
         """Add a recorder to a loop that is being built."""
         if self._writer is not None:
             add_recorder(builder, station, self._writer, twin.diagram.GetOutputPort(ports.POSITION_COMMANDED))
@@ -156,7 +156,7 @@ class Mending:
         self._tape: Tape | None = None
         self._search: Path | None = None
 
-    def add(self, builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
+    def add(self, builder: DiagramBuilder, station: System, twin: TwinDiagram) -> None:
         """Add a tape to a loop that is being built, where the twin is to mend its model."""
         healing = self._scenario.twin.healing
         if healing is None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twin_diagram import scenario as schema
-from twin_diagram.errors import TwinError
+from twin_diagram.errors import TwinError, expect_path
 from twin_diagram.logs import read_log
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import load_scenario, override_scenario
@@ -31,6 +31,7 @@ def replay_scenario(
     log: str | Path, model: str | None = None, overrides: Iterable[str] = (), columns: str | Path | None = None
 ) -> Scenario:
     """Return the scenario that replays a recording, or a bare log with a model of its arm."""
+    expect_path(log, "log", "a recording or a measured log")
     log = Path(log)
     if not log.exists():
         raise TwinError(f"{log}: no such recording or log")

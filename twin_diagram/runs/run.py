@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from twin_diagram import visualization
 from twin_diagram.estimation.filter.parameter_status import standings
@@ -37,6 +37,7 @@ from twin_diagram.runtime import stopping
 from twin_diagram.runtime.progress import Progress
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.file import check_scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
@@ -68,13 +69,13 @@ def run_scenario(
     quiet: bool = False,
     spare_cores: bool = True,
     say: Say = print,
+    **own: System | None,
 ) -> dict[str, Any]:
     """Run a scenario's station and the twin in closed loop.
 
     Args:
         scenario: with any station; only a simulated one can be scored.
-        out: folder for ``summary.json``, ``events.jsonl`` and, with `pictures`, ``replay.html``, ``diagram.svg`` and
-            plots; with ``twin.healing`` also ``healing/``, a folder for each search; with ``twin.growth`` ``grown/``.
+        out: folder for ``summary.json``, ``events.jsonl``, what was healed and grown, pictures (docs/quick_start.md).
         record: folder for a recording that `replay_log` runs again.
         log: the measured log, .csv or .npz.
         show: opens meshcat and runs no faster than real time.
@@ -83,22 +84,23 @@ def run_scenario(
         quiet: shows no progress.
         spare_cores: whether processes of its own may work on other cores; the figures are the same.
         say: takes lines of text.
+        own: `station`, `controller`, `perception`: Systems of one's own, see `make_closed_loop`.
 
     Returns:
         The summary; for a station without truth, what the twin believes at the end.
 
     Raises:
         TwinError: something that it names is not there or does not fit.
-        KeyboardInterrupt: as Ctrl-C raises it, once recording, log, events and summary are closed; the summary says
-            ``stopped``, and there are no pictures.
+        KeyboardInterrupt: once all files are closed; the summary says ``stopped``, and there are no pictures.
     """
+    check_scenario(scenario)
     out, record, log = places_for(out, record, log)
     leave = RunFolder(out)
     look = _looking(scenario, out is not None and pictures, show, meldis)
     with ExitStack() as stack:
         stack.push(partial(_note_stop, leave))
         keep, mend = Keeping(scenario, record, log, stack), Mending(scenario, leave, say)
-        loop = make_closed_loop(scenario, _hanging(keep, mend, look))
+        loop = make_closed_loop(scenario, _hanging(keep, mend, look), **own)
         simulator, growth = _simulator(loop), GrowthWatch(scenario, loop.twin, leave, say)
         if look is not None:
             look.start(simulator, show or meldis, say)
@@ -111,8 +113,7 @@ def run_scenario(
         if stop is not None:
             keep.cut(simulator.get_context().get_time())
     if out is not None:
-        _write(leave, out, loop, summary, trial, look if pictures and stop is None else None)
-        say(f"wrote {out}/")
+        _write(leave, out, loop, summary, trial, look if pictures and stop is None else None, say)
     if stop is not None:
         raise stop
     return summary
@@ -132,10 +133,10 @@ def _simulator(loop: ClosedLoop) -> Simulator:
     return simulator
 
 
-def _hanging(*hung: Keeping | Mending | Looking | None) -> Callable[[DiagramBuilder, Diagram, TwinDiagram], None]:
+def _hanging(*hung: Keeping | Mending | Looking | None) -> Callable[[DiagramBuilder, System, TwinDiagram], None]:
     """Return what hangs all of these on a loop that is being built."""
 
-    def add(builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
+    def add(builder: DiagramBuilder, station: System, twin: TwinDiagram) -> None:
         for each in hung:
             if each is not None:
                 each.add(builder, station, twin)
@@ -301,16 +302,17 @@ def _advance(
 def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[str, Any]:
     """Return the figures of ``summary.json``."""
     scenario = loop.scenario
+    duration = scenario.duration if trial.stop is None else float(trial.record.time[-1])
     # What it carries at the end, as the estimate beside it.
     payloads = [
-        effect.parameters["mass"][0] if (effect.onset or 0.0) < scenario.duration <= (effect.end or math.inf) else 0.0
+        effect.parameters["mass"][0] if (effect.onset or 0.0) < duration <= (effect.end or math.inf) else 0.0
         for effect in scenario.world.arm.effects
         if effect.name == "payload"
     ]
     return summarize(
         trial.record,
         seed=scenario.seed,
-        duration=scenario.duration if trial.stop is None else float(trial.record.time[-1]),
+        duration=duration,
         payload_true=sum(payloads) if payloads else None,
         position_tolerance=scenario.twin.task.position_tolerance,
         rotation_tolerance=scenario.twin.task.rotation_tolerance,
@@ -319,13 +321,19 @@ def summary_of(loop: ClosedLoop, trial: Trial, timing: dict[str, Any]) -> dict[s
 
 
 def _write(
-    leave: RunFolder, out: Path, loop: ClosedLoop, summary: dict[str, Any], trial: Trial | None, look: Looking | None
+    leave: RunFolder,
+    out: Path,
+    loop: ClosedLoop,
+    summary: dict[str, Any],
+    trial: Trial | None,
+    look: Looking | None,
+    say: Say,
 ) -> None:
     leave.summary(summary)
-    if look is None or look.scenes is None:
-        return
-    leave.note("replay.html", "diagram.svg")
-    look.scenes.write_replay(out / "replay.html")
-    visualization.write_diagram_svg(loop.diagram, out / "diagram.svg")
-    if trial is not None:
-        leave.note(*(path.name for path in visualization.write_plots(trial.record, summary, out)))
+    if look is not None and look.scenes is not None:
+        leave.note("replay.html", "diagram.svg")
+        look.scenes.write_replay(out / "replay.html")
+        visualization.write_diagram_svg(loop.diagram, out / "diagram.svg")
+        if trial is not None:
+            leave.note(*(path.name for path in visualization.write_plots(trial.record, summary, out)))
+    say(f"wrote {out}/")

@@ -1,6 +1,7 @@
 """What a finished run is worth: estimates held against the simulated truth, afterwards.
 
-The only module outside `station` that reads truth, and nothing of the twin imports it.
+With `trial`, `task_score`, `camera_score` and `true_clearance`, which read the truth for it, the only module outside
+`station` that knows it; nothing of the twin imports any of them.
 """
 
 from __future__ import annotations

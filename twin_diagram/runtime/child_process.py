@@ -111,10 +111,13 @@ class ChildProcess(ABC, Generic[Outcome]):
 
 
 def environment() -> dict[str, str]:
-    """Return this process's own, with this package on the path, and one thread unless the user said otherwise."""
+    """Return this process's own, with this package on the path, and one thread unless the user said otherwise.
+
+    What lies where the user works is not: from Python 3.11 on a `queue.py` there is none of the child's modules.
+    """
     here = str(Path(__file__).resolve().parents[2])
     path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
-    return {**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ)}
+    return {**os.environ, "PYTHONPATH": path, "PYTHONSAFEPATH": "1", **one_thread_variables(os.environ)}
 
 
 def end(process: subprocess.Popen[bytes], grace: float) -> None:

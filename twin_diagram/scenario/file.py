@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from twin_diagram.errors import ScenarioError
+from twin_diagram.errors import ScenarioError, expect, expect_path
 from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.resources import models_dir
@@ -30,7 +30,21 @@ STATIONS = ("sim", "replay", "lcm")
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does."""
+    """Reads 1e-3 as a number, as YAML 1.2 and everybody else does, and no field twice: the first would be lost."""
+
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        """Return a mapping's node.
+
+        Raises:
+            YAMLError: one of its keys is there twice.
+        """
+        node = super().compose_mapping_node(anchor)
+        known: set[str] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode) and key.value != "<<"):
+            if key.value in known:
+                raise yaml.MarkedYAMLError(problem=f"{key.value} is there twice", problem_mark=key.start_mark)
+            known.add(key.value)
+        return node
 
 
 class _Dumper(yaml.SafeDumper):
@@ -57,6 +71,7 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
     Raises:
         ScenarioError: the file is missing or not YAML, or a field is unknown or of the wrong type; it names the field.
     """
+    expect_path(path, "scenario", "a YAML file (or the name of a scenario that comes along)")
     file = find_scenario(path)
     try:
         text = file.read_text(encoding="utf-8")
@@ -74,6 +89,7 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
 
 def override_scenario(scenario: Scenario, overrides: Iterable[str]) -> Scenario:
     """Return a copy with fields set anew, as in `load_scenario`."""
+    check_scenario(scenario)
     overrides = [overrides] if isinstance(overrides, str) else list(overrides)
     if not overrides:
         return copy_scenario(scenario)
@@ -134,7 +150,13 @@ def dump_scenario(scenario: Scenario) -> str:
 
 def save_scenario(scenario: Scenario, path: Path) -> None:
     """Write the scenario as YAML, whole or not at all."""
+    check_scenario(scenario)
     atomic_file.write(path, dump_scenario(scenario))
+
+
+def check_scenario(scenario: object) -> None:
+    """Refuse what is no scenario; raises ArgumentError."""
+    expect(scenario, Scenario, "scenario", "a Scenario (as load_scenario returns it)")
 
 
 def copy_scenario(scenario: Scenario) -> Scenario:
@@ -169,6 +191,7 @@ def _plain(value: Any) -> Any:
 
 
 def _override(data: dict[str, Any], override: str) -> None:
+    expect(override, str, "override", "text (FIELD=VALUE, e.g. twin.filter.rate=400)")
     name, equals, text = override.partition("=")
     if not equals or not name:
         raise ScenarioError(_key(override), "an override reads FIELD=VALUE, e.g. twin.filter.rate=400")
@@ -207,7 +230,7 @@ def _shown(value: Any) -> str:
 
 
 def _check(value: Any, schema: Any, name: str) -> None:
-    """Hold plain YAML data against a schema of dataclasses and raises with the dotted name of what does not fit."""
+    """Hold plain YAML data against a schema of dataclasses and raise with the dotted name of what does not fit."""
     origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     shown = name or "scenario"
     if origin in (typing.Union, types.UnionType):

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from numbers import Real
 from typing import Any
 
-from twin_diagram.errors import ScenarioError
+from twin_diagram.errors import ScenarioError, expect
 from twin_diagram.scenario import (
     Braking,
     Camera,
@@ -116,6 +117,7 @@ def check_twin(twin: Twin) -> None:
     Raises:
         ScenarioError: a number that cannot be, or a list of another length; it names the field.
     """
+    expect(twin, Twin, "twin", "a Twin (of a Scenario its field `twin`)")
     _walk(twin, "twin")
     check_steps(twin.task, twin.library)
     _corners(twin.perception.workspace, "twin.perception.workspace")
@@ -205,6 +207,7 @@ def check_filter(params: Filter) -> None:
     Raises:
         ScenarioError: a number that cannot be; it names the field.
     """
+    expect(params, Filter, "filter", "a Filter (of a Scenario its field `twin.filter`)")
     _walk(params, "twin.filter")
 
 
@@ -224,6 +227,8 @@ def _walk(value: Any, name: str) -> None:
 
 
 def _check_fields(value: Any, name: str) -> None:
+    for field in (*POSITIVE.get(type(value), ()), *NOT_NEGATIVE.get(type(value), ()), *SHARE.get(type(value), ())):
+        expect(getattr(value, field), (Real, type(None)), f"{name}.{field}", "a number")
     for field in POSITIVE.get(type(value), ()):
         if getattr(value, field) is not None and not getattr(value, field) > 0:
             raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not positive")

@@ -10,7 +10,6 @@ from typing import cast
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JointIndex
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
@@ -18,7 +17,7 @@ from twin_diagram import scenario
 from twin_diagram.assets.description import AssetSpec, read_spec
 from twin_diagram.errors import AssetError, ModelError
 from twin_diagram.model.description import add_arm as description
-from twin_diagram.scenario import poses as scenario_poses
+from twin_diagram.model.description.fixtures import add_fixture
 from twin_diagram.scenario import resources
 from twin_diagram.scene.slot_geometry import Shapes, SlotFrames, SlotPoses, add_slot_frames, library_shapes
 from twin_diagram.signals.arrays import Array
@@ -141,7 +140,7 @@ def add_twin_scene(
     source = plant.RegisterAsSourceForSceneGraph(scene_graph)
     arm = description.add_arm(plant, twin.arm, packages)
     for fixture in twin.fixtures:
-        _add_fixture(plant, fixture, packages)
+        add_fixture(plant, fixture, packages)
     specs = [_add_object(plant, name, folder, packages) for name, folder in twin.library.items()]
     plant.Finalize()
 
@@ -185,21 +184,6 @@ def parked_poses(count: int) -> Array:
     poses[:, 4] = np.arange(count)
     poses[:, 6] = TUNING.parked_height
     return poses
-
-
-def _add_fixture(plant: MultibodyPlant, fixture: scenario.Fixture, packages: Mapping[str, str | Path] | None) -> None:
-    """Parse a fixture and weld its free root links at X_WB."""
-    path = resources.resolve(fixture.model, packages)
-    try:
-        instances = description.parser(plant, packages).AddModels(path)
-    except RuntimeError as error:
-        raise ModelError(f"{fixture.model}: cannot be read: {str(error).strip().splitlines()[0]}") from error
-    children = {int(plant.get_joint(JointIndex(int(index))).child_body().index()) for index in plant.GetJointIndices()}
-    for instance in instances:
-        for body_index in plant.GetBodyIndices(instance):
-            if int(body_index) not in children:
-                body = plant.get_body(body_index)
-                plant.WeldFrames(plant.world_frame(), body.body_frame(), scenario_poses.pose(fixture.X_WB))
 
 
 def _add_object(plant: MultibodyPlant, name: str, folder: str, packages: Mapping[str, str | Path] | None) -> AssetSpec:

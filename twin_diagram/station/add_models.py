@@ -1,18 +1,18 @@
-"""Adds models that stand still or lie about to a plant, welded or free as a scenario says."""
+"""Adds models to a plant as a scenario names them, and reads its poses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JointIndex, ModelInstanceIndex, RigidBody, WeldJoint
+from pydrake.multibody.tree import ModelInstanceIndex
 
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.model.description import add_arm as description
-from twin_diagram.model.description import foreign
+from twin_diagram.model.description import foreign, parser_warnings
 from twin_diagram.scenario import Pose, Scenario, poses
 from twin_diagram.scenario.resources import resolve
 
@@ -57,7 +57,8 @@ def add_model(plant: MultibodyPlant, name: str, packages: Mapping[str, str], mod
     if path.is_dir():
         raise ModelError(f"{model}: {path} is a folder, not a model's description")
     try:
-        instances = list(foreign.add_models(_parser(plant, packages, name), path))
+        with parser_warnings.in_one_line(path):
+            instances = list(foreign.add_models(_parser(plant, packages, name), path))
     except RuntimeError as error:
         raise ModelError(f"{path}: {' '.join(str(error).split())}") from error
     if not instances:
@@ -75,33 +76,3 @@ def _parser(plant: MultibodyPlant, packages: Mapping[str, str], prefix: str) -> 
         package_map.Remove(name)
     package_map.AddMap(known)
     return parser
-
-
-def weld_roots(plant: MultibodyPlant, instances: Sequence[ModelInstanceIndex], X_WB: RigidTransform) -> list[RigidBody]:
-    """Weld the root bodies of parsed models to the world, those that their description welds there included.
-
-    Args:
-        plant: not yet finalized.
-        instances: what a parser added.
-        X_WB: the model's frame in the world.
-
-    Returns:
-        The bodies that are now welded to the world.
-    """
-    world = plant.world_body()
-    children = {int(plant.get_joint(i).child_body().index()) for i in plant.GetJointIndices()}
-    indices = [index for instance in instances for index in plant.GetJointIndices(instance)]
-    roots: list[tuple[RigidBody, RigidTransform]] = []
-    for index in indices:
-        joint = plant.get_joint(JointIndex(int(index)))
-        if isinstance(joint, WeldJoint) and joint.parent_body().index() == world.index():
-            X_WF, X_RM = (f.GetFixedPoseInBodyFrame() for f in (joint.frame_on_parent(), joint.frame_on_child()))
-            roots.append((joint.child_body(), X_WF @ joint.X_FM() @ X_RM.inverse()))
-            plant.RemoveJoint(joint)
-    for instance in instances:
-        for body_index in plant.GetBodyIndices(instance):
-            if int(body_index) not in children:
-                roots.append((plant.get_body(body_index), RigidTransform()))
-    for body, X_BR in roots:
-        plant.WeldFrames(plant.world_frame(), body.body_frame(), X_WB @ X_BR)
-    return [body for body, _ in roots]

@@ -6,6 +6,7 @@ from pydrake.systems.framework import Diagram
 
 from twin_diagram.errors import StationError
 from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.file import check_scenario
 
 
 def make_station(scenario: Scenario) -> Diagram:
@@ -21,6 +22,7 @@ def make_station(scenario: Scenario) -> Diagram:
         StationError: no such station, or it cannot be built from this scenario.
         ModelError, AssetError, ScenarioError: what it is to be built from is missing or malformed.
     """
+    check_scenario(scenario)
     # Each station is imported where it is needed: a replay needs no renderer, a simulation no LCM.
     if scenario.station == "sim":
         from twin_diagram.station.sim.station import SimStation

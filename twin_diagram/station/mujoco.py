@@ -124,8 +124,8 @@ class MujocoArm(LeafSystem):
 
     Runs at 1 kHz; messages have no latency. Positions are encoder counts [rad], velocities the drive's estimate
     [rad/s], torques what the motors gave, with white noise of 0.3 % of the rated torque [N·m]. All state is one
-    discrete vector; MuJoCo's own data are scratch. Joints are in the description's order. From a given time on another
-    secret may hold instead: something was picked up, a bearing went dry.
+    discrete vector; MuJoCo's own data are scratch. Joints are in MuJoCo's order, from the base on. From a given time
+    on another secret may hold instead: something was picked up, a bearing went dry.
 
     Attributes:
         joints: names.
@@ -157,8 +157,8 @@ class MujocoArm(LeafSystem):
         mujoco.mj_fullM(self._model, self._data, inertia)
         self.stiffness = np.diag(inertia) * TUNING.bandwidth**2
         self.damping = 1.6 * np.diag(inertia) * TUNING.bandwidth
-        limit = [float(joint.find("limit").get("effort", "inf")) for joint in _movable(urdf)]  # type: ignore[union-attr]
-        self._limit = np.array(limit)
+        efforts = _efforts(urdf)
+        self._limit = np.array([efforts.get(name, np.inf) for name in self.joints])
         rng = np.random.default_rng([seed, 7])
         self._noise = rng.normal(size=(16384, n)) * 0.003 * np.minimum(self._limit, 300.0)
 
@@ -250,7 +250,7 @@ class MujocoStation(Diagram):
         ports.check(self, len(arm.joints), 0, ())
 
 
-def _movable(urdf: Path) -> list[ET.Element]:
-    return [
-        joint for joint in ET.parse(urdf).getroot().findall("joint") if joint.get("type") in ("revolute", "prismatic")
-    ]
+def _efforts(urdf: Path) -> dict[str, float]:
+    """Return what joints may give at most, by name; a continuous one need not say."""
+    joints = ((joint, joint.find("limit")) for joint in ET.parse(urdf).getroot().findall("joint"))
+    return {j.get("name", ""): float(limit.get("effort", "inf")) for j, limit in joints if limit is not None}

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from twin_diagram import scenario
 from twin_diagram.model.model import Model
+from twin_diagram.scenario.file import check_scenario
 from twin_diagram.station import ports
 from twin_diagram.station.make_station import make_station
-from twin_diagram.twin.fused_sensors import silence
+from twin_diagram.twin.fused_sensors import sensors_of, silence
+from twin_diagram.twin.own_systems import check_station
 from twin_diagram.twin.twin import TwinDiagram, make_twin
+
+OWN = "own"
+"""In the place of a scenario's `station`: the loop was given one."""
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """A station and the twin that watches and drives it."""
+    """A station and the twin that watches and drives it; with a station of one's own `scenario.station` is `OWN`."""
 
     diagram: Diagram
     scenario: scenario.Scenario
-    station: Diagram
+    station: System
     twin: TwinDiagram
 
     @property
@@ -32,25 +37,33 @@ class ClosedLoop:
 
 def make_closed_loop(
     plan: scenario.Scenario,
-    add: Callable[[DiagramBuilder, Diagram, TwinDiagram], None] | None = None,
+    add: Callable[[DiagramBuilder, System, TwinDiagram], None] | None = None,
     *,
+    station: System | None = None,
     controller: System | None = None,
     perception: System | None = None,
 ) -> ClosedLoop:
-    """Build the station that a scenario asks for and the twin, and connects each port to its namesake.
+    """Build the station that a scenario asks for and the twin, and connect each port to its namesake.
 
     Args:
         plan: the scenario.
         add: called with the builder, the station and the twin before the Diagram is built: adds visualisers, loggers.
+        station: one's own, a driver for example, in the place of the one that the scenario asks for; its ports: see
+            `own_systems`.
         controller: one's own in the place of `Mpc`: see `make_twin`.
         perception: one's own in the place of the twin's: see `make_twin`.
 
     Raises:
         TwinError: something that the scenario names does not exist or does not fit; the message names the field.
     """
+    check_scenario(plan)
     builder = DiagramBuilder()
     twin = make_twin(plan.twin, plan.packages, controller=controller, perception=perception)
-    station = make_station(plan)
+    if station is None:
+        station = make_station(plan)
+    else:
+        check_station(station, twin.diagram, sensors_of(twin.fused))
+        plan = replace(plan, station=OWN)
     connect(builder, station, twin)
     if add is not None:
         add(builder, station, twin)
@@ -59,8 +72,8 @@ def make_closed_loop(
     return ClosedLoop(diagram, plan, station, twin)
 
 
-def connect(builder: DiagramBuilder, station: Diagram, twin: TwinDiagram) -> None:
-    """Add a station and the twin to `builder` and connects namesakes; nothing of ``truth.*`` is connected.
+def connect(builder: DiagramBuilder, station: System, twin: TwinDiagram) -> None:
+    """Add a station and the twin to `builder` and connect namesakes; nothing of ``truth.*`` is connected.
 
     Sensors that the filter fuses and that the station does not have are silent.
     """

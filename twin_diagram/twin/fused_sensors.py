@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram.errors import ScenarioError
@@ -138,7 +138,12 @@ def export(
         feed(builder, cloud.get_output_port(), ekf, name)
 
 
-def silence(builder: DiagramBuilder, twin: Diagram, station: Diagram, fused: Sequence[Fused]) -> list[str]:
+def sensors_of(fused: Sequence[Fused]) -> list[str]:
+    """Return the ports of further sensors, readings and times, for which `silence` may stand in."""
+    return [port for sensor in fused if not sensor.camera for port in (sensor.reading, sensor.time)]
+
+
+def silence(builder: DiagramBuilder, twin: Diagram, station: System, fused: Sequence[Fused]) -> list[str]:
     """Stand in for sensors that a station does not have, a bare log for example: they never measure anything.
 
     Args:

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from twin_diagram import scenario
-from twin_diagram.assets.asset import Asset
 from twin_diagram.errors import ModelError, ScenarioError, TwinError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.model import Model
 from twin_diagram.scenario.resources import resolve
+
+if TYPE_CHECKING:
+    from twin_diagram.assets.asset import Asset
 
 Packages = Mapping[str, str | Path]
 Made = TypeVar("Made")
@@ -47,6 +49,8 @@ def library_of(twin: scenario.Twin, packages: Packages | None) -> dict[str, Asse
 
 
 def _asset(folder: str, packages: Packages | None) -> Asset:
+    from twin_diagram.assets.asset import Asset  # with SciPy, which is not needed to refuse what is not there
+
     return Asset.load(resolve(folder, packages))
 
 

@@ -1,4 +1,4 @@
-"""A user's own controller or perception in the place of the twin's: which ports it may have, and what is wrong with it.
+"""A user's own station, controller or perception: which ports it may have, and what is wrong with it.
 
 A system takes part by its ports' names: it is fed those inputs that it declares, and must have the outputs that the
 twin needs. For an arm of n joints, p learnt parameters and K objects in the library:
@@ -9,16 +9,24 @@ twin needs. For an arm of n joints, p learnt parameters and K objects in the lib
   arm's own controller, `plan` (knots · n) [rad], which is drawn, and `reach` and `plan_time` (1), as `Mpc` has them:
   without the latter nobody notices that it hangs. An input `brake` (1 + n) tells it that the arm is held and where.
 - a **perception** may have the inputs `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F) [m], `image_time` (1)
-  [s], `arm_state` (2n). It must have the output `object_poses` (K packed `PoseMeasurement`s).
+  [s], `arm_state` (2n). It must have the output `object_poses` (K packed `PoseMeasurement`s); where `twin.camera` is
+  null it has no images, and must also have `image_time` (1) [s]: when the newest poses were measured.
+- a **station** must have the outputs `arm.position_measured`, `arm.velocity_estimated`, `arm.torque_measured` (n each)
+  and `arm.measurement_time` (1) [s], with a gripper `gripper.state_measured` (2g), and of each camera C that the twin
+  looks through `C.rgb_image`, `C.depth_image`, `C.image_time`; times are `NEVER` before the first message. It may have
+  further sensors' ports (`station.ports`), others to which nothing is connected, and the inputs
+  `arm.position_commanded`, `arm.torque_commanded` (n each), `gripper.position_commanded` (g) and
+  `gripper.force_limit` (1).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
-from pydrake.systems.framework import DiagramBuilder, PortDataType, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
 
 from twin_diagram.errors import TwinError
+from twin_diagram.station import ports
 
 VALUE = 0
 """In the place of a size: the port holds a value, not a vector."""
@@ -56,6 +64,24 @@ def check(
     for name, size in further.items():
         if system.HasOutputPort(name):
             _check_size(role, "output", name, _size(system.GetOutputPort(name)), size)
+
+
+def check_station(station: System, twin: Diagram, may_lack: Collection[str]) -> None:
+    """Refuse a station that a twin cannot go with.
+
+    Args:
+        station: any Drake System.
+        twin: its Diagram.
+        may_lack: outputs that need not be there.
+
+    Raises:
+        TwinError: it names the port that is missing, that nothing feeds, or whose size is wrong.
+    """
+    commands = (ports.POSITION_COMMANDED, ports.TORQUE_COMMANDED, ports.GRIPPER_COMMANDED, ports.GRIPPER_FORCE_LIMIT)
+    inputs = {name: _size(twin.GetOutputPort(name)) for name in commands if twin.HasOutputPort(name)}
+    wanted = {name: _size(twin.GetInputPort(name)) for name in ports.input_names(twin)}
+    needed = {name: size for name, size in wanted.items() if name not in may_lack}
+    check("station", station, inputs, needed, {name: wanted[name] for name in may_lack})
 
 
 def inputs_of(system: System, names: Sequence[str]) -> list[str]:

@@ -45,13 +45,12 @@ def add_sight(
 ) -> Sight | None:
     """Add what leads from the cameras to the scene; without a camera, what says that nothing was seen."""
     cameras = list(twin.perceiving.values())
-    if not cameras:
-        if own is not None:
-            raise TwinError("perception: the twin has no camera for it: twin.camera is null")
-        blind = builder.AddNamedSystem("no_camera", ConstantVectorSource(np.array([NEVER])))
-        nothing = builder.AddNamedSystem("no_poses", ConstantVectorSource(np.zeros(MEASUREMENT_SIZE * len(library))))
-        builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
-        builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
+    if not cameras and own is None:
+        _add_nothing_seen(builder, updater, len(library))
+        return None
+    if not cameras and own is not None:
+        _add_poses_from_elsewhere(builder, own, ekf, updater, len(library))
+        _tell_of_sight(builder, own, updater, health, moves, runner, monitor)
         return None
     if len(cameras) > 1:
         if own is not None:
@@ -90,6 +89,24 @@ def add_sight(
             connect_ports(builder, calibrator, user, "calibration")
     _tell_of_sight(builder, last, updater, health, moves, runner, monitor)
     return last if isinstance(last, IcpPoseEstimator) else None
+
+
+def _add_nothing_seen(builder: DiagramBuilder, updater: SceneGraphUpdater, objects: int) -> None:
+    blind = builder.AddNamedSystem("no_camera", ConstantVectorSource(np.array([NEVER])))
+    nothing = builder.AddNamedSystem("no_poses", ConstantVectorSource(np.zeros(MEASUREMENT_SIZE * objects)))
+    builder.Connect(blind.get_output_port(), updater.GetInputPort("image_time"))
+    builder.Connect(nothing.get_output_port(), updater.GetInputPort("object_poses"))
+
+
+def _add_poses_from_elsewhere(
+    builder: DiagramBuilder, own: System, ekf: AdaptiveEkf, updater: SceneGraphUpdater, objects: int
+) -> None:
+    """Add a user's System that knows poses without a camera, by markers for example."""
+    inputs = {"arm_state": ekf.GetOutputPort("arm_state").size()}
+    check("perception", own, inputs, {"object_poses": MEASUREMENT_SIZE * objects, "image_time": 1}, {})
+    builder.AddNamedSystem("perception", own)
+    connect_ports(builder, ekf, own, *inputs_of(own, ("arm_state",)))
+    connect_ports(builder, own, updater, "image_time")
 
 
 def _own_eyes(

@@ -103,7 +103,7 @@ def _swollen(shape: Shape) -> Shape:
 
 
 def _swollen_mesh(path: Path, scale: Array) -> Mesh:
-    lines = path.read_text(encoding="utf-8").splitlines()
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()  # names may be in any encoding
     vertices = np.array([line.split()[1:4] for line in lines if line.startswith("v ")], dtype=float)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     # About its middle, so that it stays where it is.

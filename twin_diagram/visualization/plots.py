@@ -126,7 +126,7 @@ def write_plots(run: Run, summary: Mapping[str, Any], folder: str | Path) -> lis
 
 @_styled
 def objects(run: Run, path: Path) -> Path:
-    """Return the position and rotation error of each object over time.
+    """Draw the position and rotation error of each object over time.
 
     Shaded where it moves, is stale, lost or hidden.
     """
@@ -201,7 +201,7 @@ def arm(run: Run, alarms: Sequence[tuple[float, str]], path: Path) -> Path:
 
 @_styled
 def payload(run: Run, true: float | None, path: Path) -> Path:
-    """Return the learned payload over time with two standard deviations either side, and the tool's true one."""
+    """Draw the learned payload over time with two standard deviations either side, and the tool's true one."""
     figure = _figure(10, 3.4)
     axes = figure.subplots()
     axes.fill_between(
@@ -222,7 +222,7 @@ def payload(run: Run, true: float | None, path: Path) -> Path:
 
 @_styled
 def clearance(run: Run, path: Path) -> Path:
-    """Return true distance from the arm to anything else over time and, with a goal, the tool's distance from it."""
+    """Draw the true distance from the arm to anything else over time and, with a goal, the tool's distance from it."""
     with_goal = bool(np.isfinite(run.goal_error).any())
     figure = _figure(10, 5.5 if with_goal else 3.2)
     rows = figure.subplots(2 if with_goal else 1, 1, sharex=True, squeeze=False)[:, 0]
@@ -251,7 +251,7 @@ def clearance(run: Run, path: Path) -> Path:
 
 @_styled
 def timing(shares: Mapping[str, float], real_time_factor: float, path: Path) -> Path:
-    """Return the share of the computing time that each system took."""
+    """Draw the share of the computing time that each system took."""
     ranked = sorted(shares.items(), key=lambda item: item[1])
     figure = _figure(10, 1.2 + 0.36 * len(ranked))
     axes = figure.subplots()

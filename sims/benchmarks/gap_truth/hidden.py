@@ -49,9 +49,6 @@ OUTSIDE = (
 )
 """Families that the catalogue lacks."""
 
-GLOBAL = ("payload", "inertial_parameters", "gravity_tilt", "time_delay", "external_force", "sloshing", "loose_payload")
-"""Names without a joint."""
-
 STARTING = (
     "external_force",
     "actuator_fault",

@@ -16,9 +16,6 @@ from gap_truth.world import STEP, World, motor_dofs
 
 Array = npt.NDArray[np.float64]
 
-MOVES = 1e-3
-"""Speed above which friction that depends on speed is told from rest [rad/s]."""
-
 
 def install(world: World, hidden: Hidden) -> None:
     """Puts an effect into a world."""

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from filter_truth import COULOMB, JOINTS, ROTOR, VISCOUS
 from hrt_truth.hidden import LIMIT
-from hrt_truth.streams import Streams, Truth
+from hrt_truth.streams import Truth
 from pydrake.multibody.tree import MultibodyForces, SpatialInertia
 from scipy.ndimage import maximum_filter1d
 from scipy.stats import chi2
@@ -216,8 +216,3 @@ def poisson_upper(count: int, hours: float, level: float = 0.95) -> float:
 def hand_error(e: Estimate, truth: Truth) -> Array:
     """(N,) [m]."""
     return np.asarray(np.linalg.norm(e.hand[:, 4:] - truth.hand[:, 4:], axis=1))
-
-
-def good_readings(streams: Streams) -> bool:
-    """Whether a run is fit to be used: the arm did not run away."""
-    return bool(np.isfinite(streams.q).all() and np.abs(streams.v).max() < 12.0)

@@ -452,6 +452,16 @@ def test_pictures_beside_the_meshes_folder_are_read_where_one_says_so(
     np.testing.assert_allclose(colour_at(asset, (-0.03, 0.01, 0.02)), [1, 0, 0], atol=0.02)
 
 
+def test_gazebos_pictures_are_found_by_their_names(tmp_path: Path) -> None:
+    """Scanned objects come as `meshes/model.obj` and `materials/textures/texture.png`, named without a folder."""
+    mesh = write_coloured(tmp_path / "meshes")
+    (tmp_path / "materials" / "textures").mkdir(parents=True)
+    (mesh.parent / "top.png").rename(tmp_path / "materials" / "textures" / "top.png")
+    assert not any(part.image is not None for part in source_mesh.read_source(mesh).parts)
+    found = source_mesh.read_source(mesh, root=tmp_path)
+    assert sum(part.image is not None for part in found.parts) == 1 and not found.notes
+
+
 def test_what_a_gltf_lacks_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Its triangles' file; and a compression that would be read as zeros."""
     for name, data in box(0.1, 0.1, 0.1).export(file_type="gltf").items():

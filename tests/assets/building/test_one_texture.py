@@ -12,6 +12,7 @@ from PIL import Image
 
 from tests.assets.building.made_meshes import box
 from twin_diagram.assets.building import one_texture as module
+from twin_diagram.assets.building.obj_materials import materials_of
 from twin_diagram.assets.building.one_texture import laid_out, one_texture, plain
 from twin_diagram.assets.building.source_mesh import Part, read_source
 from twin_diagram.assets.mesh import bilinear
@@ -119,3 +120,98 @@ def test_what_has_no_colour_is_grey(tmp_path: Path) -> None:
         (tmp_path / f"a.{kind}").write_bytes(data)
         (made,) = read_source(tmp_path / f"a.{kind}").parts
         assert 0.3 < made.colours.min() == made.colours.max() < 0.9, kind
+
+
+PLY = """ply
+format ascii 1.0
+{head}element vertex 4
+property float x
+property float y
+property float z
+{vertex}element face 2
+property list uchar int vertex_indices
+{face}end_header
+"""
+CORNERS = ("0 0 0", "0.1 0 0", "0 0.1 0", "0 0 0.1")
+UV = ("0 0", "1 0", "0 1", "1 1")
+RED = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+
+
+def ply(folder: Path, of_faces: bool, picture: bool, coloured: bool = False) -> Part:
+    """Two triangles with texture coordinates at vertices, as BOP's models have them, or at faces, as MeshLab's have."""
+    names = "" if of_faces else "property float texture_u\nproperty float texture_v\n"
+    more = "property list uchar float texcoord\n" if of_faces else ""
+    head = "comment TextureFile my look.png\n" if picture else ""
+    rows = [
+        " ".join([at, *([] if of_faces else [uv]), *(["200 10 20"] if coloured else [])])
+        for at, uv in zip(CORNERS, UV, strict=True)
+    ]
+    for face in ((0, 2, 1), (0, 1, 3)):
+        own = " ".join(UV[k] for k in face)
+        rows.append(f"3 {face[0]} {face[1]} {face[2]}" + (f" 6 {own}" if of_faces else ""))
+    text = PLY.format(head=head, vertex=names + (RED if coloured else ""), face=more)
+    (folder / "a.ply").write_text(text + "\n".join(rows) + "\n")
+    (made,) = read_source(folder / "a.ply").parts
+    return made
+
+
+@pytest.mark.parametrize("of_faces", [False, True])
+def test_the_picture_of_a_ply_file_is_read(of_faces: bool, tmp_path: Path) -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (8, 8, 3), dtype=np.uint8)
+    Image.fromarray(picture).save(tmp_path / "my look.png")
+    made = ply(tmp_path, of_faces, True)
+    np.testing.assert_array_equal(made.image, picture)
+    np.testing.assert_allclose(made.uv, [[[0, 0], [0, 1], [1, 0]], [[0, 0], [1, 0], [1, 1]]])
+    (tmp_path / "my look.png").write_bytes(b"none")
+    with pytest.raises(AssetError, match=r"my look\.png: not an image"):
+        ply(tmp_path, of_faces, True)
+    (tmp_path / "my look.png").unlink()
+    assert ply(tmp_path, of_faces, True).image is None
+    assert "my look.png" in read_source(tmp_path / "a.ply").notes[0]
+
+
+def test_without_a_picture_a_ply_files_vertices_have_its_colours(tmp_path: Path) -> None:
+    made = ply(tmp_path, False, False, coloured=True)
+    assert made.image is None and made.uv is None
+    np.testing.assert_allclose(made.colours, np.tile([200, 10, 20], (2, 1)) / 255)
+
+
+def test_a_broken_picture_in_a_gltf_is_said_to_be_so(tmp_path: Path) -> None:
+    mesh = box(0.1, 0.1, 0.1)
+    noise = np.random.default_rng(0).integers(0, 256, (99, 99, 3), dtype=np.uint8)
+    mesh.visual = trimesh.visual.TextureVisuals(uv=np.full((8, 2), 0.5), image=Image.fromarray(noise))
+    data = bytearray(mesh.export(file_type="glb"))
+    at = data.find(b"IDAT") + 1000
+    data[at : at + 20_000] = bytes(20_000)
+    (tmp_path / "a.glb").write_bytes(data)
+    with pytest.raises(AssetError, match=r"a\.glb: a picture in it cannot be read"):
+        read_source(tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize(
+    ("line", "colour"), [("Kd 0.5", [0.5] * 3), ("Kd 0.1 0.2 0.3 1", [0.1, 0.2, 0.3]), ("Ka 1 1 1", [0.7] * 3)]
+)
+def test_colours_of_materials(line: str, colour: list[float], tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text(f"newmtl m\n{line}\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    np.testing.assert_allclose(read_source(tmp_path / "a.obj").parts[0].colours[0], colour)
+
+
+@pytest.mark.parametrize("line", ["Kd nan 0 0", "Kd spectral file.rfl", "Kd", "Kd 1 2"])
+def test_colours_that_are_none_are_refused(line: str, tmp_path: Path) -> None:
+    with pytest.raises(AssetError, match="a colour is three numbers"):
+        materials_of(f"newmtl m\n{line}\n", "a.mtl")
+
+
+def test_a_texture_may_be_named_as_windows_does(tmp_path: Path) -> None:
+    mesh = tmp_path / "mesh" / "a.obj"
+    (mesh.parent / "looks").mkdir(parents=True)
+    for folder, colour in ((mesh.parent / "looks", (9, 8, 7)), (tmp_path, (1, 2, 3))):
+        Image.new("RGB", (4, 4), colour).save(folder / "a.png")
+    mesh.write_text("mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n")
+    mesh.with_suffix(".mtl").write_text("newmtl m\nmap_Kd looks\\a.png\n")
+    (made,) = read_source(mesh).parts
+    assert made.image is not None and made.image[0, 0].tolist() == [9, 8, 7]
+    mesh.with_suffix(".mtl").write_text("newmtl m\nmap_Kd ..\\a.png\n")
+    with pytest.raises(AssetError, match="outside"):
+        read_source(mesh)

@@ -50,3 +50,25 @@ def test_volume_is_signed_wherever_the_mesh_is() -> None:
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     assert np.isclose(signed_volume(vertices, faces), 1e-3)
     assert np.isclose(signed_volume(vertices, faces[:, ::-1]), -1e-3)
+
+
+def test_a_body_beside_others_faces_outwards_and_a_cavity_inwards() -> None:
+    """Of two boxes one may come inside out, or with triangles that face either way; a hollow stays one."""
+    large, small = (
+        np.asarray(box(*(3 * [edge]), at=at).triangles) for edge, at in ((0.1, (0, 0, 0)), (0.05, (0.2, 0, 0)))
+    )
+    hollow = np.asarray(box(0.06, 0.06, 0.06).triangles)[:, ::-1]
+    volumes = []
+    for second in (small[:, ::-1], small):
+        surface = weld(np.concatenate([large, hollow, second]))
+        assert surface.closed
+        volumes.append(signed_volume(surface.vertices, surface.faces))
+        np.testing.assert_array_equal(surface.turned[-12:], (second != small).any(axis=(1, 2)))
+    rng = np.random.default_rng(1)
+    for _ in range(4):
+        mixed = np.concatenate([large, small])
+        some = rng.random(len(mixed)) < 0.5
+        mixed[some] = mixed[some, ::-1]
+        surface = weld(mixed)
+        volumes.append(signed_volume(surface.vertices, surface.faces) - 0.06**3)
+    np.testing.assert_allclose(volumes, 0.1**3 + 0.05**3 - 0.06**3)

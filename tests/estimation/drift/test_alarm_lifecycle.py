@@ -142,6 +142,14 @@ def test_the_largest_statistic_of_each_tenth_is_kept() -> None:
     assert h[DriftEntry.TENTH] == pytest.approx(0.99)
 
 
+def test_tenths_go_on_where_a_clock_was_set_back() -> None:
+    state = state_with()
+    for t in (1000.0, 1000.1, 1.0, 1.1):
+        alarm_lifecycle.turn_over(state, t)
+        alarm_lifecycle.note(state, 1e-3 * t)
+    assert state.header[DriftEntry.FROM] == 1.1 and state.header[DriftEntry.TENTH] == pytest.approx(1.1e-3)
+
+
 def test_tenths_that_were_never_seen_tell_no_shape() -> None:
     """Five tenths in which it grew are too few; with a sixth it is a trend."""
     for seen, shape in ((5.0, AlarmShape.STEP), (6.0, AlarmShape.TREND)):

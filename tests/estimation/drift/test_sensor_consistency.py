@@ -109,6 +109,15 @@ def test_refusals_in_a_row_are_found_and_scattered_outliers_are_not() -> None:
     assert 5 < int(np.argmax(found > 1.0)) < 15
 
 
+def test_a_clock_that_was_set_back_leaves_it_deaf_no_longer_than_at_first() -> None:
+    cross, state = check(3)
+    feed(cross, state, np.random.default_rng(3).normal(size=(1000, 3)), start=1000.0)
+    white, armed = np.random.default_rng(4).normal(size=(1000, 3)), round((SENSOR_CONSISTENCY.settling + LEARNING) / DT)
+    white[armed:] += [8.0, 0.0, 0.0]
+    found = feed(cross, state, white)
+    assert np.all(found[:armed] == 0.0) and found.max() > 1.0
+
+
 def test_sensors_do_not_disturb_each_other() -> None:
     both, state = check(6, 3)
     alone, other = check(3)

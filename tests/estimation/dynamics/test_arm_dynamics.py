@@ -56,6 +56,16 @@ def test_a_payload_s_centre_lies_within_half_a_metre_and_its_mass_is_not_negativ
         np.testing.assert_allclose(arm.mass_matrix(np.zeros(1)), [[0.8]])
 
 
+def test_a_payload_at_a_far_tool_counts_where_it_is() -> None:
+    """A hand of 0.8 m: the inertia of what it carries is that at its place, up to twice as far."""
+    arm, still = crank(), np.zeros(1)
+    for distance, counts in ((0.8, 0.8), (1.59, 1.59), (3.0, 1.6)):
+        arm.set_payload(np.zeros(4))
+        bare = arm.mass_matrix(still)
+        arm.set_payload(np.array([2.0, 2.0 * distance, 0.0, 0.0]))
+        np.testing.assert_allclose(arm.mass_matrix(still) - bare, [[2.0 * counts**2]])
+
+
 def test_limits_that_no_description_names_come_from_weight_and_inertia() -> None:
     """Twice the largest weight and 10 rad/s²; a turn, or a metre, from rest with all of it."""
     level = crank(effort=np.inf)

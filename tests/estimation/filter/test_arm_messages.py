@@ -37,7 +37,7 @@ def test_a_fresh_state_is_three_times_as_uncertain_as_its_sensors() -> None:
     assert h[Entry.TIME] == h[Entry.QUIET] == h[Entry.HEARD] == h[Entry.RELEASED] == 2.0
     assert h[Entry.NIS] == 4.0 and h[Entry.NIS_MEAN] == 1.0 and h[Entry.FRESH] == 1.0
     assert h[Entry.STREAK] == 0.0 and h[Entry.SPAN] == 0.0
-    assert ekf.history.count == 1 and ekf.history.newest == 2.0
+    assert ekf.history.count == 1 and ekf.history.state(0)[0] == 2.0
 
 
 @pytest.mark.parametrize("rule", ["covariance", "gradient"])

@@ -68,7 +68,7 @@ def test_an_exchanged_belief_begins_a_past_of_its_own() -> None:
     first.predict(np.zeros(2), 0.005)
     second.by_torque = np.ones((4, 2))
     second.load(first.belief.vector)
-    assert second.history.count == 1 and second.history.newest == first.belief.time and second.by_torque is None
+    assert second.history.count == 1 and second.history.state(0)[0] == first.belief.time and second.by_torque is None
     np.testing.assert_array_equal(second.history.state(0)[2], first.belief.P)
     second.load(first.belief.vector, first.history.vector)
     assert second.history.count == 2

@@ -51,7 +51,7 @@ def test_a_sensor_added_later_keeps_what_is_known() -> None:
         np.testing.assert_array_equal(getattr(after, name), value)
     assert np.all(after.tracks[0] == 7.0) and np.all(after.levels[0] == 0.3) and not after.levels[1].any()
     assert wrench.own == slice(14, 20) and wrench.payload is None
-    assert ekf.history.count == 1 and ekf.history.newest == after.time
+    assert ekf.history.count == 1 and ekf.history.state(0)[0] == after.time
     loaded = Ekf(gantry(), Filter(parameters=["torque_bias", "payload"]))
     wrench = WristWrench(loaded.terms, "car")
     loaded.add(wrench)
@@ -152,7 +152,7 @@ def test_times_and_records_of_a_message() -> None:
     ekf = begun(PARAMS)
     t = follow(ekf, 4)
     h = ekf.belief.header
-    assert h[Entry.TIME] == h[Entry.HEARD] == ekf.history.newest == t and h[Entry.ACCEPTED] == 4.0
+    assert h[Entry.TIME] == h[Entry.HEARD] == ekf.history.state(0)[0] == t and h[Entry.ACCEPTED] == 4.0
     assert not ekf.observe(Q, V, np.zeros(2), t) and h[Entry.STALE] == 1.0
     assert not ekf.observe(Q, V, np.zeros(2), -1.0) and not ekf.observe(Q, V, np.zeros(2), np.nan)
     assert ekf.observe(ekf.belief.q - 0.5 * DT * V, V, np.zeros(2), t - 0.5 * DT)  # late

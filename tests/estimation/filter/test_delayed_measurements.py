@@ -130,18 +130,18 @@ def test_bounds_hold_on_the_way() -> None:
 def test_a_ring_of_the_newest_steps() -> None:
     line = Line(9, capacity=4)
     history = line.history
-    assert (history.count, history.newest, history.oldest) == (1, 0.0, 0.0)
+    assert (history.count, history.state(0)[0], history.oldest) == (1, 0.0, 0.0)
     for _ in range(6):
         line.step()
-    assert history.count == 4 and history.newest == pytest.approx(0.6) and history.oldest == pytest.approx(0.3)
+    assert history.count == 4 and history.state(0)[0] == pytest.approx(0.6) and history.oldest == pytest.approx(0.3)
     assert history.find(0.3 - 1e-6) is None and history.find(0.3) == 3 and history.find(0.3 - 1e-10) == 3
     assert history.find(0.44) == 2 and history.find(0.46) == 1 and history.find(9.0) == 0
     assert history.knows(0.5) and history.knows(0.5 + 0.9e-6) and not history.knows(0.5 + 1.1e-6)
     assert not history.knows(0.2)
     history.retime(0.61)
-    assert history.newest == 0.61
+    assert history.state(0)[0] == 0.61
     history.clear()
-    assert history.count == 0 and history.newest == history.oldest == np.inf
+    assert history.count == 0 and history.oldest == np.inf
     assert history.find(0.5) is None and not history.knows(0.6)
 
 

@@ -24,6 +24,7 @@ from twin_diagram.estimation.filter.ekf import Ekf, FilterError
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import ArmModel, EffectSpec, Filter
 from twin_diagram.scenario.resources import models_dir
+from twin_diagram.signals.layouts import AlarmKind
 
 PAYLOAD = np.array([1.2, 0.03, -0.05, 0.2])
 """Mass and first moment."""
@@ -440,8 +441,15 @@ def test_gaps_and_clocks_set_back():
     np.testing.assert_array_equal(ekf.belief.theta, theta)
     np.testing.assert_allclose(ekf.belief.q, run.q[600])
     # A clock that starts again at zero is believed after ten messages.
+    header[[Entry.ALARM, Entry.HEEDED]] = run.time[600] + 0.5, run.time[500]
     used = [ekf.observe(run.q[k], run.v[k], run.tau[k], run.time[k]) for k in range(40)]
     assert not any(used[:9]) and all(used[10:])
+    # What was told before then lasts no longer; what is raised now is heeded, and what was raised then is not.
+    assert header[Entry.ALARM] < ekf.belief.time
+    openings = header[Entry.OPENINGS]
+    for raised, opened in ((run.time[500], 0), (run.time[38], 1)):
+        ekf.heed(np.array([1.0, AlarmKind.INNOVATION, raised, 2.0]))
+        assert header[Entry.OPENINGS] == openings + opened
 
 
 def test_bad_calls_are_typed_errors():

@@ -47,7 +47,7 @@ def test_what_is_about_the_arm_stays_and_what_was_learnt_begins_anew(rule: str) 
     np.testing.assert_allclose(after.P[4:8, 4:8], np.diag([sliding, resting, *prior]))
     assert after.header[Entry.NIS] == 2.0 * n and after.header[Entry.NIS_MEAN] == 1.0
     assert after.header[Entry.QUIET] == 1.0 and after.header[Entry.ALARM] == 0.5
-    assert new.history.count == 1 and new.history.newest == 1.0
+    assert new.history.count == 1 and new.history.state(0)[0] == 1.0
     np.testing.assert_array_equal(new.history.state(0)[1], after.x)
 
 

@@ -172,7 +172,7 @@ def test_a_later_reading_is_predicted_to_and_a_far_one_is_not() -> None:
     ekf.update(gauge, ekf.belief.q[:1], now + 1e-10)
     assert ekf.belief.time == now
     ekf.update(gauge, ekf.belief.q[:1] + 0.5 * 0.004, now + 0.004)
-    assert ekf.belief.time == now + 0.004 == ekf.history.newest
+    assert ekf.belief.time == now + 0.004 == ekf.history.state(0)[0]
     ekf.update("encoder", ekf.belief.q + 0.01 * ekf.belief.v, now + 0.014)
     assert ekf.belief.header[Entry.HEARD] == now + 0.014
     with pytest.raises(FilterError, match="ahead"):

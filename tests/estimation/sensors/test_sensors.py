@@ -15,7 +15,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from tests.estimation_bench import HOME, JOINTS, World, simulate, twin_terms
 from twin_diagram.errors import ScenarioError
-from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, Laws
 from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.dynamics.positive_definite import joseph
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
@@ -28,6 +28,7 @@ from twin_diagram.estimation.sensors import (
     DepthCloud,
     ImuBias,
     Instant,
+    KnownTool,
     LinkImu,
     MotorTorque,
     PointNoise,
@@ -93,6 +94,51 @@ def test_jacobian_is_the_derivative(make, entries, tolerance):
         column = (changed[0] - changed[1]) / 2e-6
         rows = slice(0, 3) if isinstance(sensor, LinkImu) and i < 14 else slice(None)  # force: see the next test
         np.testing.assert_allclose(H[rows, i], column[rows], atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda arm: BodyPose(arm, "panda_hand", X_BO=X_BF),
+        lambda arm: LinkImu(arm, "panda_link5", X_BF),
+        lambda arm: WristWrench(arm, "panda_link7", X_BF, tool=KnownTool(1.2, np.array([0.01, 0.02, 0.1]))),
+    ],
+)
+def test_sensors_on_links_know_of_encoders_that_are_off(make):
+    """A model that an encoder's offset was added to has its links where they are, not where the encoder says."""
+    off = np.array([0.0, 0.05, 0.0, -0.03, 0.0, 0.0, 0.2])
+    arm = ArmTerms(terms().plant, JOINTS, tool_frame="panda_tcp", laws=Laws(true_position=lambda q: q - off))
+    given = an_instant(5)
+    x = given.x.copy()
+    x[:7] += off
+    measured, true = (
+        make(a).linear(Instant(y, 7, 4, given.acceleration)) for a, y in ((arm, x), (smooth_terms(), given.x))
+    )
+    np.testing.assert_allclose(measured.reading, true.reading, atol=1e-9)
+    np.testing.assert_allclose(measured.jacobian, true.jacobian, atol=1e-9)
+
+
+@pytest.mark.parametrize("rule", ["covariance", "gradient"])
+def test_a_reading_is_fused_alike_whatever_belief_the_filter_held_before(rule):
+    """Two Contexts of one Diagram share the scratch: nothing of it may come from the other's arm."""
+    ekf = Ekf(terms(), Filter(rule=rule))
+    ekf.add(WristWrench(terms(), "panda_link7"))
+    held = []
+    for angles in (HOME, HOME + 0.5):
+        ekf.start(angles, np.zeros(7), np.zeros(7), 0.0)
+        for k in range(1, 20):
+            ekf.observe(angles, np.zeros(7), terms().inverse_dynamics(angles, np.zeros(7), 0.0), 0.005 * k)
+        held.append((ekf.belief.vector.copy(), ekf.history.vector.copy()))
+    found = []
+    for before in (0, 1):
+        ekf.load(*held[before])
+        ekf.observe(HOME + 0.5 * before, np.zeros(7), np.zeros(7), 0.1)
+        for t in (0.095, 0.085):
+            ekf.load(*held[0])
+            ekf.update("wrench", np.full(6, 0.1), t)
+            found.append(ekf.belief.vector.copy())
+    np.testing.assert_array_equal(found[0], found[2])
+    np.testing.assert_array_equal(found[1], found[3])
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import pytest
 from tests.assets.building.pictured import Shots, box, cameras, shots, write
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames import FrameFolder
+from twin_diagram.logs.frames.scene_folder import read_mask
 from twin_diagram.signals.calibration_error import CalibrationError
 
 
@@ -198,8 +199,30 @@ def test_a_frame_twice_and_a_truth_for_a_number_are_refused(folder: Path) -> Non
         FrameFolder(folder)
 
 
+def test_masks_may_have_any_number_of_channels(tmp_path: Path) -> None:
+    """Also an opaque fourth one; of a dark thing that is cut out that one is the mask."""
+    mask = np.zeros((8, 9), np.uint8)
+    mask[2:5, 3:7] = 255
+    full, none = np.full_like(mask, 255), np.zeros_like(mask)
+    for image in (
+        mask,
+        mask // 255,
+        np.dstack([mask] * 3),
+        np.dstack([mask] * 3 + [full]),
+        np.dstack([none] * 3 + [mask]),
+    ):
+        cv2.imwrite(str(tmp_path / "m.png"), image)
+        np.testing.assert_array_equal(read_mask(tmp_path / "m.png"), mask > 0)
+
+
 def test_a_mask_of_the_whole_picture_is_refused(folder: Path) -> None:
     path = min((folder / "mask_visib").iterdir())
     cv2.imwrite(str(path), np.full_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), 255))
     with pytest.raises(FramesError, match="the mask holds the whole picture"):
         FrameFolder(folder).read(0)
+
+
+def test_masks_of_several_things_are_passed_over_where_none_are_asked_for(folder: Path) -> None:
+    shutil.copy(folder / "mask_visib/000001_000000.png", folder / "mask_visib/000001_000001.png")
+    frames = FrameFolder(folder, masked=False)
+    assert not frames.has_masks and frames.read(1).mask is None

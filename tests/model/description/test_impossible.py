@@ -40,6 +40,47 @@ def test_negative_masses_and_turned_limits(
     assert all(word in str(refused.value) for word in [name, *words]), refused.value
 
 
+@pytest.mark.parametrize(("name", "text", "moment"), [("it.urdf", URDF, 'ixx="'), ("it.sdf", SDF, "<ixx>")])
+def test_negative_moments_of_inertia(tmp_path: Path, name: str, text: str, moment: str) -> None:
+    """Such as programs round zeros to are left alone."""
+    path = tmp_path / name
+    for value in ("-0.1", "-5e-8"):
+        path.write_text(text.format(mass="1", lower="-1").replace(f"{moment}1", f"{moment}{value}"))
+        if value == "-5e-8":
+            assert Model.load(path).joints == ("shoulder",)
+            continue
+        with pytest.raises(ModelError, match=r"'upper': a moment of -0\.1 kg"):
+            Model.load(path)
+
+
+def test_negative_moments_of_an_mjcf_are_refused_where_it_is_parsed(tmp_path: Path) -> None:
+    path = tmp_path / "it.xml"
+    path.write_text(MJCF.format(mass="1", lower="-1").replace('diaginertia="1', 'diaginertia="-1'))
+    with pytest.raises(ModelError, match=r"it\.xml"):
+        Model.load(path)
+
+
+@pytest.mark.parametrize(("name", "text"), KINDS)
+@pytest.mark.parametrize(
+    ("mass", "lower", "words"), [("1,5", "-1", ["'upper'", "1.5"]), ("1", "-,7", ["'shoulder'", "-.7"])]
+)
+def test_decimal_commas_of_which_drake_reads_the_whole_number_alone(
+    tmp_path: Path, name: str, text: str, mass: str, lower: str, words: list[str]
+) -> None:
+    path = tmp_path / name
+    path.write_text(text.format(mass=mass, lower=lower))
+    with pytest.raises(ModelError) as refused:
+        Model.load(path)
+    assert all(word in str(refused.value) for word in [name, "write a point", *words]), refused.value
+
+
+def test_what_drake_says_of_mjcf_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "it.xml"
+    path.write_text(MJCF.format(mass="1", lower="-1 -1"))
+    with pytest.raises(ModelError, match="range"):
+        Model.load(path)
+
+
 @pytest.mark.parametrize(("name", "text"), KINDS)
 def test_what_can_be_is_left_alone(tmp_path: Path, name: str, text: str) -> None:
     path = tmp_path / name

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 from pydrake.geometry import Capsule, Cylinder, Sphere
 
 from twin_diagram import scenario
+from twin_diagram.errors import ModelError
 from twin_diagram.planning.collision.ball_cover import _not_swallowed, _round_cover, arm_balls, arm_plant, box_cover
 from twin_diagram.planning.collision.chain import depths
 from twin_diagram.planning.collision.geometry_to_solids import points_of
@@ -124,3 +126,44 @@ def test_fingers_are_held_at_both_ends_of_their_travel_and_between() -> None:
     assert (links[:, 0] != links[:, 1]).all() and (balls.pairs[:, 0] < balls.pairs[:, 1]).all()
     assert len(np.unique(balls.pairs, axis=0)) == len(balls.pairs)
     assert balls.links.min() == 1
+
+
+@pytest.mark.parametrize("kind", ["obj", "stl"])
+def test_a_mesh_in_mm_is_asked_about_and_taken_once_it_is_scaled(tmp_path: Path, kind: str) -> None:
+    corners = [(x, y, z) for x in (0, 200) for y in (0, 50) for z in (0, 50)]  # a link of 20 cm
+    faces = [
+        (0, 1, 3),
+        (0, 3, 2),
+        (4, 6, 7),
+        (4, 7, 5),
+        (0, 4, 5),
+        (0, 5, 1),
+        (2, 3, 7),
+        (2, 7, 6),
+        (0, 2, 6),
+        (0, 6, 4),
+    ]
+    if kind == "obj":
+        lines = [*(f"v {x} {y} {z}" for x, y, z in corners), *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces)]
+    else:
+        lines = ["solid link"]
+        for face in faces:
+            vertices = "".join(f"vertex {x} {y} {z} " for x, y, z in (corners[k] for k in face))
+            lines.append(f"facet normal 0 0 0 outer loop {vertices}endloop endfacet")
+    (tmp_path / f"link.{kind}").write_text("\n".join(lines) + "\n")
+    arm = tmp_path / "arm.urdf"
+    for scale in ("", 'scale="0.001 0.001 0.001"'):
+        arm.write_text(
+            f"""<robot name="a"><link name="base"/><link name="upper"><inertial><mass value="1"/>
+            <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry>
+            <mesh filename="link.{kind}" {scale}/></geometry></collision></link><joint name="turn" type="revolute">
+            <parent link="base"/><child link="upper"/><limit lower="-1" upper="1" effort="9" velocity="2"/>
+            </joint></robot>"""
+        )
+        plant, scene_graph, it, _ = arm_plant(scenario.ArmModel(model=str(arm), tool_frame=""))
+        depth = depths(plant, it.joint_indices)
+        if scale:
+            assert arm_balls(plant, scene_graph, it, depth).radii.max() < 0.1
+            continue
+        with pytest.raises(ModelError, match=r"'upper': its collision mesh spans 200 m.*0\.001"):
+            arm_balls(plant, scene_graph, it, depth)

@@ -9,7 +9,7 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.model.description.add_arm import add_arm
-from twin_diagram.planning.collision.chain import Chain, depths, point_jacobian
+from twin_diagram.planning.collision.chain import Chain, depths, drawn_range, point_jacobian
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.scenario import ArmModel, Pose
 from twin_diagram.signals.arrays import Array
@@ -102,3 +102,13 @@ def test_a_payloads_torque_is_the_slope_of_its_energy(loaded: tuple[MultibodyPla
         found = gravity_regressor(chain, q) @ np.append(mass, mass * centre)
         np.testing.assert_allclose(found, expected, atol=1e-7)
         assert np.abs(found[1]) > 1.0
+
+
+def test_configurations_are_drawn_within_half_a_turn_or_about_the_least_that_the_limits_have() -> None:
+    inf = np.inf
+    lower = np.array([-1.0, -6.3, -inf, 3.5, -9.0, 5.0, -inf])
+    upper = np.array([2.0, 6.3, inf, 6.0, -4.0, 20.0, -5.0])
+    low, high = drawn_range(lower, upper)
+    np.testing.assert_allclose(low, [-1.0, -np.pi, -np.pi, 3.5, -4.0 - np.pi, 5.0, -5.0 - np.pi])
+    np.testing.assert_allclose(high, [2.0, np.pi, np.pi, 6.0, -4.0, 5.0 + np.pi, -5.0])
+    np.random.default_rng(0).uniform(low, high)

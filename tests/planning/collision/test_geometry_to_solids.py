@@ -69,19 +69,3 @@ def test_points_are_turned_and_then_moved() -> None:
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1, 2, 3]
     np.testing.assert_allclose(moved(X, np.array([[1.0, 0, 0], [0, 1, 0]])), [[1, 3, 3], [0, 2, 3]])
-
-
-def test_a_fixture_that_is_welded_already_stays_where_it_is(tmp_path: Path) -> None:
-    ball = '<collision name="c"><geometry><sphere><radius>0.1</radius></sphere></geometry></collision>'
-    weld = (
-        '<joint name="w" type="fixed"><parent>world</parent><child>a</child>'
-        '<pose relative_to="__model__">0 0 0 0 0 0</pose></joint>'
-    )
-    where = scenario.Pose(translation=[0.5, 0.0, 0.0])
-    for more, expected in ((weld, 0.0), ("", 0.5)):
-        file = tmp_path / "part.sdf"
-        file.write_text(f'<sdf version="1.7"><model name="m"><link name="a">{ball}</link>{more}</model></sdf>')
-        ((name, (solid,)),) = fixture_solids([scenario.Fixture(model=str(file), X_WB=where)])
-        assert name == "part"
-        np.testing.assert_allclose(solid.ball[0], [expected, 0, 0])
-        assert solid.ball[1] == pytest.approx(0.1)

@@ -124,3 +124,13 @@ def test_what_turns_the_tool_is_told_for_half_turns_too() -> None:
         turned = Rotation.from_rotvec(error[:3]).as_matrix() @ X_WT[:3, :3]
         np.testing.assert_allclose(turned, X_WG[:3, :3], atol=1e-6)
         assert np.linalg.norm(error[:3]) == pytest.approx(angle, abs=1e-6)
+
+
+def test_limits_may_lie_beyond_half_a_turn(chain: Chain) -> None:
+    """A joint that is mounted the other way round may have its limits from 3.5 to 6 rad."""
+    goal = NEAR + [0.0, 0.0, 0.0, 0.0, 4.4, 0.0]
+    X_WG = chain.tool(chain.place(goal[None]))[0]
+    low, high = np.where(np.arange(6) == 4, 3.5, -WIDE), np.where(np.arange(6) == 4, 6.0, WIDE)
+    q = solve(chain, X_WG, goal + 0.1, low, high, np.random.default_rng(7), IkTuning())
+    np.testing.assert_allclose(q[0], goal, atol=1e-3)
+    assert (q >= low).all() and (q <= high).all()

@@ -89,8 +89,17 @@ def test_arrivals_along_a_line_follow_the_slowest_joint() -> None:
 
 def test_samples_stay_within_a_turn_and_the_limits() -> None:
     router, _ = world(Wall())
-    np.testing.assert_allclose(router._lower, [-np.pi, -1.0])
-    np.testing.assert_allclose(router._upper, [2.9, 2.5])
+    np.testing.assert_allclose(router._drawn, [[-np.pi, -1.0], [2.9, 2.5]])
+
+
+def test_a_way_is_found_about_where_the_arm_is_though_that_is_more_than_half_a_turn_off() -> None:
+    router, scene = world(Wall(where=-3.6))
+    scene.lower = np.array([-7.0, -1.0])
+    now = situation([-4.0, 0.0], [[-4.4, 0.4]])
+    np.testing.assert_allclose(router.search(now, np.random.default_rng(0))[-1], now.goals[0])
+    beyond, _ = world(Wall())
+    beyond.scene.lower[:], beyond.scene.upper[:] = [3.5, -1.0], [6.0, 2.5]
+    np.testing.assert_allclose(Router(beyond.scene, SPEED)._drawn, [[3.5, -1.0], [6.0, 2.5]])
 
 
 class Lifting(Router):
@@ -353,7 +362,7 @@ def test_refuges_are_drawn_at_growing_distances_within_the_limits() -> None:
     tried = next(q for q, _ in wall.asked if len(q) == 48)
     scale = np.linspace(0.1, 0.7, 48)[:, None]
     drawn = [0.0, 2.4] + scale * np.random.default_rng(3).standard_normal((48, 2))
-    np.testing.assert_allclose(tried, np.clip(drawn, router._lower, router._upper))
+    np.testing.assert_allclose(tried, np.clip(drawn, router.scene.lower, router.scene.upper))
 
 
 def test_what_moves_is_asked_at_the_times_and_after_them() -> None:

@@ -109,6 +109,19 @@ def test_found_paths_are_free_lead_from_start_to_goal_and_are_the_better_of_two(
     assert rrt_connect.length(told, weights) == several[1]  # two searches are what is done unless told
 
 
+def test_start_and_goals_may_lie_beyond_what_is_drawn() -> None:
+    """As those of a joint do that has turned by more than half a turn, or of a long rail."""
+
+    def is_free(q: Array) -> np.ndarray:
+        return (np.abs(q[:, 0] - 5.0) > 0.3) | (q[:, 1] > 1.0)
+
+    bound = np.full(2, np.pi)
+    start, goals = np.array([4.2, 0.0]), np.array([[5.8, 0.0]])
+    found = rrt_connect.plan(start, goals, is_free, -bound, bound, np.random.default_rng(1), 20000)
+    assert found is not None
+    np.testing.assert_array_equal(found[[0, -1]], [start, goals[0]])
+
+
 def test_without_weights_all_joints_weigh_one() -> None:
     start, goals, bound = np.zeros(2), np.array([[1.0, 1.0]]), np.full(2, 2.0)
     paths = [

@@ -390,6 +390,14 @@ def test_a_grasp_out_of_reach_is_left_for_another_too_and_one_that_was_told_neve
     assert told.run().why is Why.TIME_LIMIT and told.state.others == 0
 
 
+def test_what_can_be_taken_in_no_way_any_more_is_given_up_in_the_end() -> None:
+    world = SmallWorld((step("pick", tries=1, time_limit=4.0),), frozen=True)
+    world.until(Phase.APPROACH)
+    world.library = (Takeable((2.0 * BOX,), False),)  # as if it had been turned on its wide side
+    state = world.run()
+    assert (state.outcome, state.why, state.others) == (TaskOutcome.FAILED, Why.TIME_LIMIT, 0)
+
+
 @pytest.mark.parametrize("status", [ObjectStatus.UNSEEN, ObjectStatus.MOVING, ObjectStatus.STALE, ObjectStatus.GONE])
 def test_nothing_is_taken_that_does_not_lie_still_in_sight(status: ObjectStatus) -> None:
     world = SmallWorld((step("pick", time_limit=2.0),), status=status)

@@ -207,7 +207,12 @@ def test_robots_are_sorted_by_what_is_wrong_and_the_first_day_that_shows_it() ->
     ("text", "said"),
     [
         ("", "holds no robot"),
-        ("robot,date,model,fit\nr,1,m,a\n", "line 2: nothing in holdout"),
+        (
+            "robot,date,model,fit\nr,1,m,a\n",
+            "line 1: no column holdout; with commas between they are robot,date,model,fit,holdout",
+        ),
+        ("robot;date;model;fit;holdout\nr;1;m;a;b\n", "line 1: no column robot, date, model, fit, holdout; "),
+        ("robot,date,model,fit,holdout\nr,1,m,a\n", "line 2: nothing in holdout"),
         (HEADER + "r,1,m,a,h\nr,1,m,b,h\n", "line 3: r on 1 stands there twice"),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,12 @@ import pytest
 
 from tests.assets.building.pictured import Shots, shots
 from tests.runs.tracking.test_track_frames import body, folder_of, lines, track
+from twin_diagram.assets.building.from_mesh import AssetPlace
 from twin_diagram.assets.library import check
+from twin_diagram.assets.procedural import write_box
+from twin_diagram.errors import AssetError
 from twin_diagram.logs.frames import ViewCamera
+from twin_diagram.runs.tracking.grown_assets import GrownAssets
 from twin_diagram.scenario import Slots
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals import rotations
@@ -120,3 +125,30 @@ def test_a_library_that_leaves_no_room_is_refused_before_a_frame_is_read(
     assert track(library, frames, tmp_path / "out", "--grow", str(tmp_path / "grown")) == 2
     assert "--grow" in (said := capsys.readouterr().err) and "no room for what grows" in said
     assert not (tmp_path / "grown").exists() and not (tmp_path / "out").exists()
+
+
+def test_what_another_command_has_grown_meanwhile_is_not_written_over(tmp_path: Path) -> None:
+    """Two commands that grow into one library at a time may find the same name free."""
+    library = tmp_path / "grown"
+
+    class Whole:
+        ready = True
+
+        def grown(self, place: AssetPlace) -> SimpleNamespace:
+            folder = write_box(Path(place.library) / place.name, place.name, EDGES)
+            return SimpleNamespace(built=SimpleNamespace(folder=folder), R_TO=np.eye(3), p_TO=np.zeros(3))
+
+    def watched() -> GrownAssets:
+        growing = {1: SimpleNamespace(growth=Whole())}
+        tracker: Any = SimpleNamespace(growing=growing, take_in=lambda identity, *_: growing.pop(identity))
+        return GrownAssets(library, tracker, {}, {}, lambda text: None)
+
+    first, second = watched(), watched()
+    first.poll(0)
+    second.poll(0)
+    first.close()
+    before = check(library / "thing_1")[0].points_O
+    with pytest.raises(AssetError, match="another command has put thing_1 there"):
+        second.close()
+    np.testing.assert_array_equal(check(library / "thing_1")[0].points_O, before)
+    assert [path.name for path in library.iterdir()] == ["thing_1"]

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -75,7 +76,14 @@ def folder_of(taken: Shots, folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def scene(taken: Shots, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return folder_of(taken, tmp_path_factory.mktemp("scene") / "frames")
+    """As BOP's are: with masks of several things, black where one is hidden, which tracking does not ask for."""
+    folder = folder_of(taken, tmp_path_factory.mktemp("scene") / "frames")
+    masks = folder / "mask_visib"
+    masks.mkdir()
+    for number in range(len(taken.frames)):
+        for thing in range(2):
+            cv2.imwrite(str(masks / f"{number:06}_{thing:06}.png"), np.zeros((320, 400), np.uint8))
+    return folder
 
 
 def track(library: Path, frames: Path, out: Path, *more: str) -> int:
@@ -243,6 +251,34 @@ def test_without_a_table_all_that_is_seen_stands(library: Path, taken: Shots, tm
     assert len(lines(tmp_path / "out")) == 2
 
 
+def test_frames_without_depth_come_before_the_first_that_counts(
+    library: Path, taken: Shots, tracked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Cameras begin with empty pictures: of these no table was found, nor anything after them."""
+    specks = np.zeros_like(taken.frames[0].depth)
+    specks[100, 100:120] = 0.7
+    begun = ["--init", str(tracked / "poses.csv")]
+    for k, (depth, more) in enumerate(((0.0 * specks, []), (specks, begun))):
+        shown = Shots([replace(taken.frames[0], depth=depth), taken.frames[1]])
+        assert track(library, folder_of(shown, tmp_path / f"frames{k}"), tmp_path / f"out{k}", *more) == 0
+        none, line = lines(tmp_path / f"out{k}")
+        assert none == {"frame": 0, "time": 0.0, "objects": []}
+        np.testing.assert_allclose(of(line, "brick")["p_WO"][:2], [STEP - 0.04, 0.02], atol=2e-3)
+        assert "begins at frame 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("begin", [-100.0, 1.7e9])
+def test_times_may_begin_anywhere(begin: float, library: Path, taken: Shots, tracked: Path, tmp_path: Path) -> None:
+    """What was before 0 passed for never seen, and of a clock that counts from 1970 the table lost the fractions."""
+    moved = Shots([replace(frame, time=frame.time + begin) for frame in taken.frames[:2]])
+    assert track(library, folder_of(moved, tmp_path / "frames"), tmp_path / "out") == 0
+    told = [float(line.split(",")[-1]) for line in (tmp_path / "out" / "poses.csv").read_text().splitlines()[1:]]
+    np.testing.assert_allclose(np.array(told) - begin, [0.0, 1 / 15], atol=1e-6)
+    for here, there in zip(lines(tmp_path / "out"), lines(tracked)[:2], strict=True):
+        assert here["time"] == pytest.approx(there["time"] + begin, abs=1e-6)
+        np.testing.assert_allclose(of(here, "brick")["p_WO"], of(there, "brick")["p_WO"], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("K", "said"),
     [
@@ -368,7 +404,7 @@ def test_what_the_calibration_leaves_open_is_in_each_covariance(
     shutil.copytree(scene, told)
     (told / "camera_extra.json").write_text('{"calibration_std": {"position": 4.0, "depth_scale": 0.02}}')
     assert track(library, told, tmp_path / "out") == 0
-    camera = FrameFolder(scene).read(5).camera
+    camera = FrameFolder(scene, masked=False).read(5).camera
     exact, doubted = of(lines(tracked)[5], "brick"), of(lines(tmp_path / "out")[5], "brick")
     assert exact["p_WO"] == doubted["p_WO"]
     more = np.array(doubted["covariance"]) - np.array(exact["covariance"])

@@ -395,6 +395,10 @@ def test_a_damaged_image_is_refused() -> None:
     message.images = [image(b"no picture", **fields)]
     with pytest.raises(StationError, match="neither a PNG nor a JPEG"):
         read_images(message, UNIT)
+    fields = {"pixel_format": lcmt_image.PIXEL_FORMAT_RGB, "compression_method": lcmt_image.COMPRESSION_METHOD_ZLIB}
+    message.images = [image(b"no zip", **fields)]
+    with pytest.raises(StationError, match="cannot be unpacked"):
+        read_images(message, UNIT)
     message.images = [image(b"", pixel_format=lcmt_image.PIXEL_FORMAT_DEPTH)]
     with pytest.raises(StationError, match="channel type"):
         read_images(message, UNIT)

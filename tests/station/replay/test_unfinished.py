@@ -188,6 +188,21 @@ def test_a_full_disk_is_said_and_what_was_recorded_stays(tmp_path: Path, monkeyp
     assert len(read(tmp_path / "r")[0].time) == 5
 
 
+def test_a_disk_that_is_full_at_the_last_picture_costs_no_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    writer = write(tmp_path / "r", 5)
+    written(writer)
+    monkeypatch.setattr("twin_diagram.station.replay.recording._write_images", full)
+    writer.image(1.0, 1.0, np.zeros((3, 4, 4), np.uint8), np.zeros((3, 4), np.float32))
+    with pytest.raises(StationError, match=r"No space left on device.*replays from .*unfinished"):
+        writer.close()
+    assert len(read(tmp_path / "r")[0].time) == 5
+
+
 def test_rows_come_as_numbers_too(tmp_path: Path) -> None:
     with (tmp_path / "rows").open("w+b") as rows:
         write(tmp_path / "r", 6, rows=rows).close()

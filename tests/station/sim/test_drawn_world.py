@@ -178,3 +178,5 @@ def test_materials_of_another_kind_are_left_to_drake(tmp_path: Path, line: str) 
     assert only_texture(library) == tmp_path / "visual.png"
     library.write_text(library.read_text() + line + "\n")
     assert only_texture(library) is None
+    library.write_bytes("# Küche\nnewmtl surface\nmap_Kd visual.png\n".encode("latin-1"))
+    assert only_texture(library) is None, "a remark in another encoding is no error"

@@ -116,6 +116,8 @@ def test_a_hull_is_what_lies_behind_all_faces_of_its_corners() -> None:
     away = (CORNERS - middle) @ planes[:, :3].T + planes[:, 3]
     assert away.max() < 1e-8 and (np.abs(away) < 1e-8).any(axis=0).all()
     assert _parts(HalfSpace(), None) == []
+    flat = CORNERS * [1.0, 1.0, 0.0]
+    assert _parts(SHAPES["hull"][0], flat) == [], "a label has no inside to be met"
 
 
 def test_a_tube_is_a_prism_of_64_sides_about_it() -> None:

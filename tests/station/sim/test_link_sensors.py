@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
@@ -10,6 +12,7 @@ from pydrake.systems.framework import Diagram
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import ArmModel, EffectSpec, LinkSensor, Pose, Scenario, SensorDefects
+from twin_diagram.scenario.resources import resolve
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station import make_station, ports
 
@@ -98,6 +101,35 @@ def test_the_wrist_feels_what_is_not_described_alone() -> None:
     force = z[-1, 3:]
     assert np.linalg.norm(force) == pytest.approx(2.0 * 9.81, rel=0.01)
     np.testing.assert_allclose(z[-1, :3], np.cross([0.01, -0.02, 0.08], force), atol=0.02)
+
+
+HAND = """<robot name="hand">
+  <link name="base_link"><inertial><mass value="{}"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+</robot>
+"""
+
+
+def test_links_of_hand_and_arm_may_have_the_same_name(tmp_path: Path) -> None:
+    """A hand with a `base_link` as the arm has: its weight, and not the base's, is that which is described."""
+    arm = resolve("arms/ur5e.urdf")
+    models = []
+    for mass in (0.7, 1.0):
+        (tmp_path / f"hand{mass}.urdf").write_text(HAND.format(mass))
+        both = tmp_path / f"both{mass}.dmd.yaml"
+        both.write_text(
+            f"""directives:
+- add_model: {{name: arm, file: "file://{arm}"}}
+- add_model: {{name: hand, file: "file://{tmp_path}/hand{mass}.urdf"}}
+- add_weld: {{parent: "arm::tool0", child: "hand::base_link"}}
+"""
+        )
+        models.append(ArmModel(str(both), tool_frame="tool0"))
+    scenario = plan(LinkSensor("wrench"), LinkSensor("imu"), wrench=PERFECT, imu=PERFECT)
+    scenario.twin.arm = models[0]
+    for scenario.world.arm, heavier in zip(models, (0.0, 0.3), strict=True):
+        _, z, _, _ = readings(scenario, WRENCH, 0.5)
+        assert np.linalg.norm(z[-1, 3:]) == pytest.approx(9.81 * heavier, abs=0.02)
 
 
 @pytest.mark.long

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpac
 from twin_diagram.errors import ModelError
 from twin_diagram.scenario import ArmModel
 from twin_diagram.signals.arrays import Array
+from twin_diagram.twin.arm_sensing.known_surfaces import ArmParts
 from twin_diagram.twin.arm_sensing.link_surface import inside, link_surface, other_surfaces, shape_surface
 
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-0.5, 0.5) for z in (-0.25, 0.25)])
@@ -251,3 +253,50 @@ def test_a_link_that_is_not_there_or_cannot_be_seen_is_named(arm: ArmModel) -> N
         other_surfaces(arm, "elbow")
     with pytest.raises(ModelError, match=r"'base' in .* has no shape to be seen by"):
         link_surface(arm, "base")
+
+
+FLAT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n"
+
+
+def test_a_flat_mesh_has_no_surface_and_hides_nothing(tmp_path: Path, arm: ArmModel) -> None:
+    (tmp_path / "label.obj").write_text(FLAT)
+    label = '<visual><geometry><mesh filename="label.obj"/></geometry></visual>'
+    (tmp_path / "two.urdf").write_text(ARM.replace('<link name="upper">', f'<link name="upper">{label}'))
+    labelled = ArmModel(model=str(tmp_path / "two.urdf"), tool_frame="")
+    for points, wanted in zip(link_surface(labelled, "upper"), link_surface(arm, "upper"), strict=True):
+        np.testing.assert_array_equal(points, wanted)
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    assert not inside(np.array([[0.3, 0.3, 0.0]]), Convex(points=CORNERS.T, label="l"), corners).any()
+
+
+HAND = """<robot name="hand">
+  <link name="base"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><sphere radius="0.03"/></geometry></visual></link>
+  <link name="lower"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><box size="0.01 0.01 0.05"/></geometry></visual></link>
+  <joint name="slide" type="prismatic"><parent link="base"/><child link="lower"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04" effort="50" velocity="0.2"/></joint>
+</robot>
+"""
+
+
+def test_links_of_arm_and_hand_may_have_the_same_name(tmp_path: Path) -> None:
+    (tmp_path / "two.urdf").write_text(ARM)
+    (tmp_path / "hand.urdf").write_text(HAND)
+    (tmp_path / "both.dmd.yaml").write_text(
+        f"""directives:
+- add_model: {{name: arm, file: "file://{tmp_path}/two.urdf"}}
+- add_model: {{name: hand, file: "file://{tmp_path}/hand.urdf"}}
+- add_weld: {{parent: "arm::lower", child: "hand::base"}}
+"""
+    )
+    both = ArmModel(model=str(tmp_path / "both.dmd.yaml"), tool_frame="")
+    parts = ArmParts(both)
+    places = [p for _, p in parts.poses(np.array([0.0, 0.3]))]
+    assert len(places) == 3, "two links called `lower` and the one before them; the arm's base has no shape"
+    one, two = (link_surface(both, name) for name in ("upper", "knob"))
+    np.testing.assert_array_equal(one[0].shape, two[0].shape)
+    with pytest.raises(ModelError, match=r"2 links are called 'lower' in .*both"):
+        link_surface(both, "lower")
+    with pytest.raises(ModelError, match=r"2 links are called 'base' in .*both"):
+        other_surfaces(both, "base")

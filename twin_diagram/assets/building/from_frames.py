@@ -80,9 +80,9 @@ def build_from_predictions(
     replace_it: bool = False,
     say: Callable[[str], None] = lambda text: None,
 ) -> BuiltAsset:
-    """Reconstruct the one object of VGGT's `predictions.npz`, beside which a green cube stands.
+    """Reconstruct the one object of VGGT's `predictions.npz` and put it into a library.
 
-    And put it into a library.
+    A green cube stands beside it, whose edge tells the scale.
 
     Args:
         file: the predictions.

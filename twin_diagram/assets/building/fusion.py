@@ -43,8 +43,8 @@ class Tuning:
     """How many views must look through a place for each unit of weight that says it lies just below a surface."""
 
     foot: float = 2.0
-    """Height above the support below which only that counts which carries something [voxels]; a
-    cup's floor must stay."""
+    """Height above the support below which only that counts which carries something [voxels]; a cup's floor must
+    stay."""
 
     same_surface: float = 0.003
     """Depth that differs less from its neighbours' is interpolated between them [m]."""

@@ -48,10 +48,7 @@ _CELLS = _tetrahedra()
 
 
 def _triangles_by_case() -> list[list[tuple[tuple[int, int], ...]]]:
-    """Return for each set of negative corners (bits) the triangles, as edges (corner, corner).
-
-    Outward from the negative side.
-    """
+    """Return for each set of negative corners (bits) the triangles, as edges (corner, corner), facing away from it."""
     table: list[list[tuple[tuple[int, int], ...]]] = [[] for _ in range(16)]
     place = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])  # right-handed, as those of `_tetrahedra`
     for case in range(1, 15):
@@ -118,10 +115,7 @@ def zero_surface(field: npt.NDArray[np.float32]) -> tuple[Array, npt.NDArray[np.
 
 
 def _numbered(keys: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the keys that occur, ascending, and each key's place among them.
-
-    By sorting, which is faster than hashing.
-    """
+    """Return the keys that occur, ascending, and each key's place among them; sorted, which is faster than hashed."""
     order = np.argsort(keys, kind="stable")
     ranked = keys[order]
     first = np.append(True, ranked[1:] != ranked[:-1])

@@ -67,7 +67,7 @@ class Opening:
 def fibonacci_sphere(count: int) -> Array:
     """Return unit directions (count, 3): equations (4) and (5), θ_i = arccos(1 − 2i/K), φ_i = π(1 + √5)i.
 
-    I from ½, so no pole is two.
+    Here i counts from ½, so that no pole comes twice.
     """
     i = np.arange(count) + 0.5
     theta, phi = np.arccos(1 - 2 * i / count), np.pi * (1 + np.sqrt(5)) * i
@@ -75,9 +75,7 @@ def fibonacci_sphere(count: int) -> Array:
 
 
 def nearest_in_direction(points: Array, centre: Array, directions: Array, tolerance: float) -> tuple[Array, Array]:
-    """Return each bucket's least distance, equation (9), inf where it is empty.
-
-    And the index of its farthest point, −1 likewise.
+    """Return each bucket's least distance, equation (9), and its farthest point's index: inf and −1 where it is empty.
 
     A point's direction (6) is (p − c)/‖p − c‖; it falls into the buckets within the tolerance of it (7).
     """
@@ -139,10 +137,7 @@ def find_opening(points: Array) -> Opening | None:
 
 
 def without_support(points: Array) -> Which:
-    """Return (N,), which points are left when those on the plane of the largest opening, and beyond it.
-
-    Are taken away.
-    """
+    """Return (N,), which points are left without those on the plane of the largest opening and beyond it."""
     opening = find_opening(points)
     if opening is None:
         return np.ones(len(points), bool)

@@ -1,4 +1,4 @@
-"""Meshes as people have them: OBJ with its materials, STL, PLY, glTF.
+"""Meshes as people have them: OBJ with its materials, STL, PLY with its picture, glTF, COLLADA.
 
 What they name must lie in their own folder, or in one that was told.
 """
@@ -16,8 +16,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.assets.building.obj_materials import Material, materials_of
 from twin_diagram.assets.mesh import Image, ObjText, parse_obj
 from twin_diagram.errors import AssetError
+from twin_diagram.logs.frames.folder_files import image_of
 from twin_diagram.signals.arrays import Array
 
 
@@ -87,7 +89,7 @@ class Beside:
             AssetError: it lies elsewhere.
             FileNotFoundError: it is not there; noted.
         """
-        path = self._folder / name.strip()
+        path = self._place(name.strip())
         if not self._pictures and path.suffix.lower() in PICTURES:
             raise FileNotFoundError(str(path))
         try:
@@ -107,6 +109,12 @@ class Beside:
 
     __getitem__ = get
 
+    def _place(self, name: str) -> Path:
+        """Return where a file is that is named so: there, as Windows writes it, or where Gazebo has its pictures."""
+        plain = name.replace("\\", "/")
+        places = [self._folder / name, self._folder / plain, self._root / "materials" / "textures" / Path(plain).name]
+        return next((place for place in places if place.exists()), places[0])
+
 
 def read_source(path: Path, *, looks: bool = True, root: Path | None = None) -> Source:
     """Read a mesh of any kind that can be read.
@@ -124,7 +132,7 @@ def read_source(path: Path, *, looks: bool = True, root: Path | None = None) -> 
         ".dae": _read_collada,
         ".obj": _read_obj,
         ".stl": _read_with_trimesh,
-        ".ply": _read_with_trimesh,
+        ".ply": _read_ply,
         ".glb": _read_with_trimesh,
         ".gltf": _read_with_trimesh,
     }
@@ -153,66 +161,18 @@ def _read_obj(path: Path, beside: Beside, looks: bool) -> list[Part]:
     text = parse_obj(path)
     if not looks:
         return [_grey(text.v[text.corners[:, :, 0]])]
-    materials: dict[str, _Material] = {}
+    materials: dict[str, Material] = {}
     for library in text.libraries:
-        materials.update(_materials(library, path, beside))
+        try:
+            told = beside.get(library).decode("utf-8", errors="replace")
+        except FileNotFoundError:
+            continue
+        materials.update(materials_of(told, str(path.parent / library)))
     names = np.array(text.materials)
-    return [_obj_part(text, names == name, materials.get(name, _Material()), beside) for name in dict.fromkeys(names)]
+    return [_obj_part(text, names == name, materials.get(name, Material()), beside) for name in dict.fromkeys(names)]
 
 
-@dataclass
-class _Material:
-    """One material of an .mtl file: its colour, and its texture's file, if any."""
-
-    colour: tuple[float, float, float] = (TUNING.grey, TUNING.grey, TUNING.grey)
-    texture: str | None = None
-
-
-def _materials(library: str, path: Path, beside: Beside) -> dict[str, _Material]:
-    """Read an .mtl file; none where it is missing."""
-    try:
-        text = beside.get(library).decode("utf-8", errors="replace")
-    except FileNotFoundError:
-        return {}
-    found: dict[str, _Material] = {}
-    material = _Material()
-    for line in text.splitlines():
-        key, *rest = line.split() or [""]
-        if key == "newmtl":
-            material = found.setdefault(" ".join(rest), _Material())
-        elif key == "Kd":
-            try:
-                r, g, b = (float(x) for x in rest)
-            except ValueError:
-                raise AssetError(f"{path.parent / library}: a colour is three numbers, not {line.strip()!r}") from None
-            material.colour = (r, g, b)
-        elif key.lower() == "map_kd":
-            material.texture = _texture_name(rest)
-    return found
-
-
-def _texture_name(words: list[str]) -> str:
-    """Return the file that a line `map_Kd` names, without the options before it."""
-    at = 0
-    while at < len(words) and words[at].startswith("-") and len(words) > at + 1:
-        option, at = words[at], at + 1
-        if option in ("-o", "-s", "-t"):  # one to three numbers
-            while at < len(words) - 1 and _is_number(words[at]):
-                at += 1
-        else:
-            at += 2 if option == "-mm" else 1
-    return " ".join(words[at:])
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
-def _obj_part(text: ObjText, chosen: npt.NDArray[np.bool_], material: _Material, beside: Beside) -> Part:
+def _obj_part(text: ObjText, chosen: npt.NDArray[np.bool_], material: Material, beside: Beside) -> Part:
     """Return the triangles of one material."""
     index = text.corners[chosen]
     corners = text.v[index[:, :, 0]]
@@ -223,7 +183,8 @@ def _obj_part(text: ObjText, chosen: npt.NDArray[np.bool_], material: _Material,
         except FileNotFoundError:
             pass
     uv = text.vt[index[:, :, 1]] if image is not None else None
-    colours = np.tile(np.clip(material.colour, 0.0, 1.0), (len(index), 1))
+    colour = 3 * (TUNING.grey,) if material.colour is None else material.colour
+    colours = np.tile(np.clip(colour, 0.0, 1.0), (len(index), 1))
     if text.colours is not None:
         colours = text.colours[index[:, :, 0]].mean(axis=1)
     return Part(corners, uv, image, colours)
@@ -235,17 +196,42 @@ def decoded(data: bytes, name: str) -> Image:
     Raises:
         AssetError: not an image.
     """
-    try:
-        bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
-    except cv2.error:  # one of 2³⁰ pixels and more
-        bgr = None
+    bgr = image_of(data, cv2.IMREAD_COLOR)
     if bgr is None:
         raise AssetError(f"{name}: not an image that can be read")
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
-    """Read STL, PLY or glTF; one part for each mesh as it is placed."""
+def _read_ply(path: Path, beside: Beside, looks: bool) -> list[Part]:
+    """Read PLY, whose head may name a picture: trimesh takes grey for one that is not there."""
+    image = None
+    if looks and (name := _ply_picture(path.read_bytes())):
+        try:
+            image = decoded(beside.get(name), name)
+        except FileNotFoundError:
+            pass
+    return _read_with_trimesh(path, beside, looks, image, skip_materials=True, fix_texture=image is not None)
+
+
+def _ply_picture(data: bytes) -> str | None:
+    """Return the picture that a PLY file's head names, `comment TextureFile NAME`."""
+    for line in data[: data.find(b"end_header")].decode("utf-8", errors="replace").splitlines():
+        words = line.split(maxsplit=2)
+        if len(words) == 3 and words[:2] == ["comment", "TextureFile"]:
+            return words[2].strip()
+    return None
+
+
+def _read_with_trimesh(path: Path, beside: Beside, looks: bool, image: Image | None = None, **how: bool) -> list[Part]:
+    """Read STL, PLY or glTF; one part for each mesh as it is placed.
+
+    Args:
+        path: of the file.
+        beside: reads what it names.
+        looks: whether colours and textures are wanted.
+        image: where the file does not hold its own.
+        how: options of trimesh's reader.
+    """
     import trimesh
 
     if path.suffix.lower() in (".glb", ".gltf"):
@@ -253,18 +239,22 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool) -> list[Part]:
     try:
         kind = path.suffix.lower()[1:]
         loaded = trimesh.load(
-            io.BytesIO(path.read_bytes()), file_type=kind, resolver=beside, force="scene", process=False
+            io.BytesIO(path.read_bytes()), file_type=kind, resolver=beside, force="scene", process=False, **how
         )
         placed = [
             (loaded.geometry[name], X) for X, name in (loaded.graph[node] for node in loaded.graph.nodes_geometry)
         ]
         parts = [
-            _part_of(mesh, X, looks) for mesh, X in placed if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
+            _part_of(mesh, X, looks, image)
+            for mesh, X in placed
+            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
         ]
     except FileNotFoundError:
         raise beside.problem or AssetError(beside.notes[-1].removesuffix("; built without it")) from None
     except OSError:
         raise
+    except AssetError as error:
+        raise beside.problem or AssetError(f"{path}: {error}") from None
     except Exception as error:  # whatever a reader of foreign files meets
         problem = beside.problem or AssetError(f"{path}: cannot be read as {path.suffix.lower()[1:]} ({error!r:.200})")
         raise problem from None
@@ -313,17 +303,19 @@ def _grey(corners: Array) -> Part:
     return Part(corners, None, None, np.full((len(corners), 3), TUNING.grey))
 
 
-def _part_of(mesh: Any, X: Array, looks: bool) -> Part:
+def _part_of(mesh: Any, X: Array, looks: bool, image: Image | None) -> Part:
     """Return one mesh of trimesh's, placed."""
     vertices = np.asarray(mesh.vertices, dtype=float) @ X[:3, :3].T + X[:3, 3]
     faces = np.asarray(mesh.faces)
     if np.linalg.det(X[:3, :3]) < 0:  # mirrored
         faces = faces[:, ::-1]
-    if not looks:
-        return _grey(vertices[faces])
-    uv = image = None
-    colours = np.full((len(faces), 3), TUNING.grey)
-    visual = mesh.visual
+    return Part(vertices[faces], *_look_of(mesh, faces, image)) if looks else _grey(vertices[faces])
+
+
+def _look_of(mesh: Any, faces: npt.NDArray[np.int64], image: Image | None) -> tuple[Array | None, Image | None, Array]:
+    """Return texture coordinates, picture and colours of a mesh of trimesh's, as `Part` has them."""
+    visual, uv = mesh.visual, None
+    grey = np.full((len(faces), 3), TUNING.grey)
     if visual.kind == "texture":
         material = visual.material
         picture = getattr(material, "baseColorTexture", None)
@@ -331,12 +323,23 @@ def _part_of(mesh: Any, X: Array, looks: bool) -> Part:
         if getattr(material, "baseColorFactor", None) is not None:
             factor = np.asarray(material.baseColorFactor, dtype=float)[:3]
             factor = factor / 255.0 if factor.max() > 1.0 else factor  # trimesh keeps bytes
-        colours = np.tile(factor if picture is not None or factor.min() < 1 else colours[0], (len(faces), 1))
-        if picture is not None and visual.uv is not None:
-            image = np.round(np.asarray(picture.convert("RGB")) * factor).astype(np.uint8)
+        if visual.uv is not None and (image is not None or picture is not None):
+            image = np.round(_pixels(picture) * factor).astype(np.uint8) if image is None else image
             uv = np.asarray(visual.uv, dtype=float)[faces]
-    elif visual.kind == "vertex":
-        colours = np.asarray(visual.vertex_colors)[:, :3][faces].mean(axis=1) / 255.0
-    elif visual.kind == "face":
-        colours = np.asarray(visual.face_colors)[:, :3] / 255.0
-    return Part(vertices[faces], uv, image, colours)
+        elif picture is None and (told := mesh.vertex_attributes.get("color")) is not None:  # of a PLY file
+            return None, None, np.asarray(told)[:, :3][faces].mean(axis=1) / 255.0
+        colours = np.tile(factor, (len(faces), 1)) if picture is not None or factor.min() < 1 else grey
+        return uv, image if uv is not None else None, colours
+    if visual.kind == "vertex":
+        return None, None, np.asarray(visual.vertex_colors)[:, :3][faces].mean(axis=1) / 255.0
+    if visual.kind == "face":
+        return None, None, np.asarray(visual.face_colors)[:, :3] / 255.0
+    return None, None, grey
+
+
+def _pixels(picture: Any) -> Image:
+    """Return the RGB of a picture of Pillow's, which reads it only now."""
+    try:
+        return np.asarray(picture.convert("RGB"))
+    except (OSError, SyntaxError, ValueError) as error:
+        raise AssetError(f"a picture in it cannot be read ({error})") from None

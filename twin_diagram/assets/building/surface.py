@@ -56,7 +56,8 @@ class Surface:
 def weld(corners: Array) -> Surface:
     """Return triangles (F, 3, 3) with shared vertices and their outside out.
 
-    Triangles that disagree with their neighbours are turned, and all of them where the whole is inside out.
+    Triangles that disagree with their neighbours are turned, all of them where the whole is inside out, and a closed
+    body beside others that is: inside another one it is a cavity.
     """
     points = corners.reshape(-1, 3)
     step = TUNING.weld * max(float(np.ptp(points, axis=0).max()), 1e-300)
@@ -73,6 +74,8 @@ def weld(corners: Array) -> Surface:
         faces = _consistent(faces)
     if len(faces) and signed_volume(vertices, faces) < 0:
         faces = faces[:, ::-1]
+    if len(faces):
+        faces = _bodies_outward(vertices, faces)
     turned = faces[:, 0] != given[:, 0]
     return Surface(vertices, faces, kept, turned, len(faces) > 0 and _is_closed(faces))
 
@@ -129,6 +132,40 @@ def _consistent(faces: Faces) -> Faces:
     graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
     label = connected_components(graph, directed=False)[1]
     return np.where((label[count:] < label[:count])[:, None], faces[:, ::-1], faces)
+
+
+def _bodies_outward(vertices: Array, faces: Faces) -> Faces:
+    """Return the triangles, those of closed bodies turned that face inwards and lie within no other body."""
+    one, two, opposite = _pairs(faces)
+    graph = coo_matrix((np.ones(len(one)), (one, two)), shape=(len(faces), len(faces)))
+    count, body = connected_components(graph, directed=False)
+    if count == 1:
+        return faces
+    corners = vertices[faces] - vertices[faces].mean(axis=(0, 1))
+    volumes = np.bincount(body, np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))
+    closed = 2 * np.bincount(body[one][opposite], minlength=count) == 3 * np.bincount(body)
+    inward = np.flatnonzero(closed & (volumes < 0))
+    if not len(inward):
+        return faces
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, body, corners.min(axis=1))
+    np.maximum.at(high, body, corners.max(axis=1))
+    wrong = np.zeros(count, dtype=bool)
+    for k in inward:
+        around = closed & (volumes > 0) & (low < low[k]).all(axis=1) & (high > high[k]).all(axis=1)
+        place = corners[np.argmax(body == k), 0]
+        wrong[k] = not around.any() or _winding(place, corners[around[body]]) < 0.5
+    return np.where(wrong[body][:, None], faces[:, ::-1], faces)
+
+
+def _winding(place: Array, corners: Array) -> float:
+    """Return how often triangles (F, 3, 3) wind around a place: 1 inside, 0 outside (van Oosterom, Strackee, 1983)."""
+    a, b, c = np.moveaxis(corners - place, 1, 0)
+    x, y, z = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    volume = np.einsum("fi,fi->f", a, np.cross(b, c))
+    along = x * y * z + np.einsum("fi,fi->f", a, b) * z + np.einsum("fi,fi->f", b, c) * x
+    angle = np.arctan2(volume, along + np.einsum("fi,fi->f", c, a) * y)
+    return float(angle.sum() / (2.0 * np.pi))
 
 
 def with_normals(surface: Surface, uv: Array) -> Mesh:

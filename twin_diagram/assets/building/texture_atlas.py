@@ -1,8 +1,7 @@
 """A picture for a mesh without texture coordinates: each triangle has half of a square cell of it, a gutter around.
 
 No charts are cut, so nothing is stretched, folded or left out, whatever the mesh; the price is a seam at each edge,
-which the gutter
-hides: a cell's texels go on past its triangles.
+which the gutter hides: a cell's texels go on past its triangles.
 """
 
 from __future__ import annotations

@@ -134,10 +134,10 @@ def moved(view: DepthView, twist: Array, about: Array) -> DepthView:
 
 
 def surface_cells(points: Array, normals: Array, cell: float, shift: Array) -> tuple[Array, Array, Numbers]:
-    """Return places and unit normals (M, 3) of cells, means of the points in each that face one of six ways.
+    """Return places and unit normals (M, 3) of cells, and which cell each point is in (N,), −1 where that has too few.
 
-    And which cell each point is in (N,), or −1 where that has too few. Cells are long the way they face. Were they not,
-    views a little apart would fall into cells behind one another, and each view agree with its own.
+    A cell's are the means of the points in it that face one of six ways. Cells are long the way they face. Were they
+    not, views a little apart would fall into cells behind one another, and each view agree with its own.
 
     Args:
         points: (N, 3) [m].
@@ -342,7 +342,7 @@ def _steps(
 def _rows(points: Array, place: Array, normal: Array, centre: Array, lens: Array, size: int) -> tuple[Array, Array]:
     """Return J (N, size) and e (N,) of points' distances to planes, by a twist about the centre.
 
-    And, as the seventh, by a growth of the points' distances from the lens (3,).
+    The seventh column is by a growth of the points' distances from the lens (3,).
     """
     J = np.hstack([np.cross(points - centre, normal), normal])
     if size > 6:

@@ -53,7 +53,7 @@ def note(state: DriftState, statistic: float) -> None:
 def turn_over(state: DriftState, t: float) -> None:
     """Begin a new tenth of a second where one is over."""
     h = state.header
-    if t - h[DriftEntry.FROM] < TUNING.tenth:
+    if 0.0 <= t - h[DriftEntry.FROM] < TUNING.tenth:
         return
     state.tenths[:-1] = state.tenths[1:]
     state.tenths[-1] = h[DriftEntry.TENTH]
@@ -80,7 +80,7 @@ def raise_alarm(
         t: of the message [s].
         statistic: over its threshold, more than 1.
         dt: how long the message stands for [s].
-        longer: by how much the alarm outlasts `HOLD` [s].
+        longer: by how much the alarm outlasts `hold` [s].
         sensor: which further sensor it is about.
         gained: which joint, by index, gained which torque [N·m], where that is known.
     """

@@ -2,17 +2,17 @@
 
 A threshold of μ + kσ says nothing of how often it is crossed: statistics are correlated in time, there are many of
 them, and what a model gets wrong makes their tails heavier than a Gaussian's. So each test's statistic, over its
-threshold, is watched for as long as nothing is wrong: its largest value in each `BLOCK` is one witness, alike in time
-or not. Of N blocks n were above `HIGH`, by β on average; with an exponential tail beyond, the rate of peaks over
+threshold, is watched for as long as nothing is wrong: its largest value in each `block` is one witness, alike in time
+or not. Of N blocks n were above `high`, by β on average; with an exponential tail beyond, the rate of peaks over
 threshold is
 
-    rate(u) = (n / N) exp(−(u − HIGH) / β) / BLOCK,
+    rate(u) = (n / N) exp(−(u − high) / β) / block,
 
 and the margin u is where that is this test's share of the rate that was asked for. A statistic counts over its margin.
 Peaks over threshold: Pickands, "Statistical inference using extreme order statistics", Ann. Statist. 1975; the
 exponential is the tail of squared Gaussians, and heavier than that of Gaussians.
 
-Before much was seen, a prior worth `PRIOR_BLOCKS` speaks. A block is learnt from only `DELAY` blocks later, and not at
+Before much was seen, a prior worth `prior_blocks` speaks. A block is learnt from only `delay` blocks later, and not at
 all where an alarm came in between, or what grows slowly would teach its own threshold.
 """
 
@@ -57,7 +57,7 @@ class Tuning:
     memory: float = 20_000.0
     """Blocks over which the tail is averaged."""
 
-    head: int = 5  # largest in this block, blocks, peaks, sum of what peaks were above `HIGH`, the margin
+    head: int = 5  # largest in this block, blocks, peaks, sum of what peaks were above `high`, the margin
 
     none: float = -1.0
     """Stands for a block that is not there, among those that wait."""
@@ -74,7 +74,7 @@ class FalseRate:
     """
 
     def __init__(self, tests: int, rate: float) -> None:
-        """Lays the vector out.
+        """Lay the vector out.
 
         Args:
             tests: how many.
@@ -98,7 +98,7 @@ class FalseRate:
         )
 
     def _views(self, vector: Array) -> tuple[Array, Array]:
-        """Head (tests, 5) and blocks that wait (tests, DELAY), oldest first, `Tuning.none` where there is none."""
+        """Head (tests, 5) and blocks that wait (tests, delay), oldest first, `Tuning.none` where there is none."""
         table = vector[1:].reshape(self.tests, TUNING.head + TUNING.delay)
         return table[:, : TUNING.head], table[:, TUNING.head :]
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from twin_diagram.errors import expect
 from twin_diagram.estimation.drift import alarm_lifecycle, innovation_statistic, likelihood_ratio
 from twin_diagram.estimation.drift.false_alarm_rate import FalseRate
 from twin_diagram.estimation.drift.momentum_observer import TorqueTest
@@ -31,7 +32,9 @@ from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
 from twin_diagram.estimation.filter.belief import Belief, Entry
 from twin_diagram.estimation.filter.sensor_registry import FilterError
+from twin_diagram.model.model import Model
 from twin_diagram.scenario import Drift, Filter
+from twin_diagram.scenario.validation import check_filter
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_SIZE, NEVER, AlarmKind
 
@@ -46,7 +49,7 @@ class Tuning:
     """
 
     settling: float = 0.25
-    """Parameters have settled when they change by less than `SETTLED` of their prior's deviation in this time [s]."""
+    """Parameters have settled when they change by less than `settled` of their prior's deviation in this time [s]."""
 
     settled: float = 0.05
     """Share of its prior's deviation by which a parameter that has settled still changes in that time."""
@@ -72,15 +75,15 @@ class Monitor:
         state: all that it knows.
         vector: the same as one vector.
         header: by `DriftEntry`.
-        log: (RING, 3) time, kind and statistic of each alarm.
-        evidence: (RING, len(Evidence) + n) of each alarm, by `Evidence`, then each joint's share of the change, in
+        log: (ring, 3) time, kind and statistic of each alarm.
+        evidence: (ring, len(Evidence) + n) of each alarm, by `Evidence`, then each joint's share of the change, in
             standard deviations.
         sensors: names of the further sensors that are cross-checked.
     """
 
     def __init__(
         self,
-        terms: ArmTerms,
+        terms: ArmTerms | Model,
         drift: Drift | None = None,
         tuning: Filter | None = None,
         sensors: Mapping[str, int] | None = None,
@@ -88,13 +91,16 @@ class Monitor:
         """Make one that has not heard anything yet.
 
         Args:
-            terms: the arm.
+            terms: the arm; of a model they are worked out.
             drift: tuning of the monitor; `Drift()` where None.
             tuning: of the filter that it watches; `Filter()` where None.
             sensors: degrees of freedom of each further sensor whose readings it will be told of, by name.
         """
         drift, tuning = drift or Drift(), tuning or Filter()
-        self.terms, self.params = terms, drift
+        expect(drift, Drift, "drift", "a Drift (the filter's tuning is `tuning`)")
+        check_filter(tuning)
+        self.terms = terms = ArmTerms.of(terms)
+        self.params = drift
         self.parameters = ParameterSet(terms, tuning)
         self.sensors = tuple(sensors or ())
         self._cross = CrossCheck(tuple((sensors or {}).values()), drift.sigma, drift.learning_time)

@@ -115,9 +115,9 @@ class RolloutTest:
         span = float(times[-1] - times[0])
         error: Array = np.empty(n + 1)
         error[:n] = np.abs(torque_error(terms, self._parameters, q, state.from_theta, q - end, span))
-        _, p_measured, J = self._hand.jacobian(terms.true_position(q))
+        _, p_measured, J = self._hand.jacobian(q)
         runs_away = not np.all(np.abs(end) < TUNING.runaway)
-        p_predicted = p_measured if runs_away else self._hand.pose(terms.true_position(end))[1]
+        p_predicted = p_measured if runs_away else self._hand.pose(end)[1]
         error[n] = TUNING.runaway if runs_away else np.linalg.norm(p_predicted - p_measured)
         error = np.nan_to_num(error, nan=TUNING.runaway, posinf=TUNING.runaway).clip(max=TUNING.runaway)
         if learning:

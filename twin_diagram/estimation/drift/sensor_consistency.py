@@ -89,7 +89,7 @@ class CrossCheck:
     """
 
     def __init__(self, sizes: Sequence[int], sigma: float, learning_time: float) -> None:
-        """Lays the vector out.
+        """Lay the vector out.
 
         Args:
             sizes: degrees of freedom of each sensor.
@@ -131,7 +131,7 @@ class CrossCheck:
             quiet: whether no alarm stands.
         """
         head, sums, mean, squares = self._views(vector, index)
-        if head[0] == 0.0:
+        if head[0] == 0.0 or t < head[0]:  # the first, or a clock that was set back
             head[0] = t
         if t < head[0] + TUNING.settling or not np.all(np.isfinite(white)):
             return 0.0

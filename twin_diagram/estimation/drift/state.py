@@ -129,15 +129,15 @@ class DriftState:
     Attributes:
         vector: all of it.
         header: by `DriftEntry`.
-        log: (RING, 3) time, kind and statistic of each alarm.
-        evidence: (RING, len(Evidence) + n) of each alarm.
+        log: (ring, 3) time, kind and statistic of each alarm.
+        evidence: (ring, len(Evidence) + n) of each alarm.
         checked: (p,) parameters when it was last checked that they have settled.
         roll_mean, roll_squares: (n + 1,) of the rollouts' errors in normal operation: joints [N·m], hand [m].
         from_state, from_theta: (2n,), (p,) that the running rollout started from.
         torques: (rows, 1 + n) time and measured torque since then.
         sums: (L, n) of whitened innovations, one row for each forgetting.
         change: (2, L) mean and sum of squared deviations of their statistics in normal operation.
-        tenths: (TENTHS,) largest statistic of each tenth of a second, newest last.
+        tenths: (tenths,) largest statistic of each tenth of a second, newest last.
         sensors: what the cross-check keeps of the further sensors.
         motors: what the torque test keeps of the joints.
         margins: what is kept of how near each test comes to an alarm while nothing is wrong.

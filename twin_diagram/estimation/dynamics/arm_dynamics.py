@@ -19,7 +19,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces, PrismaticJoint, SpatialInertia, UnitInertia
 from pydrake.systems.framework import Context
 
-from twin_diagram.errors import ModelError
+from twin_diagram.errors import ModelError, expect
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
@@ -50,8 +50,11 @@ class Tuning:
     """Where the model names no effort limit: enough for twice the largest weight and for this acceleration [rad/s²]."""
 
     largest_com: float = 0.5
-    """A payload's centre lies within this distance of the last link's origin [m]; beyond it, its inertia is cut to
-    this."""
+    """A payload's centre lies within this distance of the last link's origin [m], or `beyond_tool` times the tool's,
+    where that is more; one that is said to lie farther off counts as there."""
+
+    beyond_tool: float = 2.0
+    """Times the tool's distance: large arms carry what is farther off."""
 
 
 TUNING = Tuning()
@@ -93,6 +96,7 @@ class ArmTerms:
             ModelError: a plant that is not finalized, a name that it does not have, or a joint of several degrees of
                 freedom.
         """
+        expect(plant, MultibodyPlant, "plant", "a MultibodyPlant (of a Model: ArmTerms.from_model(model))")
         if not plant.is_finalized():
             raise ModelError("the plant is not finalized: call Finalize() before a filter is made for it")
         if tool_frame and not plant.HasFrameNamed(tool_frame):
@@ -146,6 +150,7 @@ class ArmTerms:
         tool = self.plant.GetFrameByName(tool_frame) if tool_frame else self._link_frame
         X_WL = self._link_frame.CalcPoseInWorld(self._context)
         self.tool: Array = (X_WL.inverse() @ tool.CalcPoseInWorld(self._context)).translation().copy()
+        self._farthest = max(TUNING.largest_com, TUNING.beyond_tool * float(np.linalg.norm(self.tool)))
         inertia = self._link.CalcSpatialInertiaInBodyFrame(self._context)
         self._mass0 = inertia.get_mass()
         self._moment0 = inertia.CalcComMoment()
@@ -154,8 +159,14 @@ class ArmTerms:
         self.set_payload(np.zeros(4))  # as it will be set ever after: rounding must not depend on what came before
 
     @staticmethod
+    def of(arm: ArmTerms | Model) -> ArmTerms:
+        """Return an arm's terms: those that are given, or those of a model; raises ArgumentError for anything else."""
+        return arm if isinstance(arm, ArmTerms) else ArmTerms.from_model(arm)
+
+    @staticmethod
     def from_model(model: Model) -> ArmTerms:
         """Return the terms of a twin's model with its effects."""
+        expect(model, Model, "model", "a Model (as Model.load(PATH) returns it; of a plant: ArmTerms(plant, joints))")
         laws = [effect for effect in model.present if not effect.folds]
         smooth = [effect for effect in laws if not effect.dry]
         zero = np.zeros((1, len(model.joints)))
@@ -224,8 +235,8 @@ class ArmTerms:
         if mass > 0.0:
             centre = payload[1:4] / mass
             reach = float(np.linalg.norm(centre))
-            if reach > TUNING.largest_com:
-                centre = centre * (TUNING.largest_com / reach)
+            if reach > self._farthest:
+                centre = centre * (self._farthest / reach)
         total = max(self._mass0 + mass, np.finfo(float).tiny)
         inertia = self._inertia0 + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         centre = (self._moment0 + mass * centre) / total

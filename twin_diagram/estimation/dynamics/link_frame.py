@@ -43,7 +43,7 @@ class LinkMotion:
 
 
 class LinkFrame:
-    """A frame F fixed on one of the arm's links.
+    """A frame F fixed on one of the arm's links; all positions q (n,) are as measured, encoders' offsets included.
 
     Attributes:
         terms: the arm.
@@ -78,14 +78,14 @@ class LinkFrame:
 
     def pose(self, q: Array) -> tuple[Array, Array]:
         """Return R_WF (3, 3), p_WF (3,) at q (n,)."""
-        context = self.terms.at(q, 0.0)
+        context = self.terms.at(self.terms.true_position(q), 0.0)
         X_WB = self._frame.CalcPoseInWorld(context)
         R_WB = X_WB.rotation().matrix()
         return R_WB @ self._R_BF, X_WB.translation() + R_WB @ self._p_BF
 
     def jacobian(self, q: Array) -> tuple[Array, Array, Array]:
         """Return R_WF (3, 3), p_WF (3,) and J (6, n), rotation first, of F's origin, in W, at q (n,)."""
-        context, plant = self.terms.at(q, 0.0), self.terms.plant
+        context, plant = self.terms.at(self.terms.true_position(q), 0.0), self.terms.plant
         J: Array = plant.CalcJacobianSpatialVelocity(
             context, JacobianWrtVariable.kV, self._frame, self._p_BF, self._world, self._world
         )[:, self.terms.velocity_index]
@@ -95,7 +95,7 @@ class LinkFrame:
 
     def motion(self, q: Array, v: Array) -> LinkMotion:
         """Return all of it at q, v, each (n,)."""
-        context, plant = self.terms.at(q, v), self.terms.plant
+        context, plant = self.terms.at(self.terms.true_position(q), v), self.terms.plant
         J: Array = plant.CalcJacobianSpatialVelocity(
             context, JacobianWrtVariable.kV, self._frame, self._p_BF, self._world, self._world
         )[:, self.terms.velocity_index]

@@ -193,7 +193,7 @@ class JointFriction(JointBlock):
     """Friction beyond the model's, per joint; friction in all is never negative.
 
     Oil or heat change all joints at once, and an abrupt change may take it all: of joints that rest while others tell
-    of it, as much is expected as `TOGETHER` says. Which way friction pushes a joint that rests nobody knows, and a
+    of it, as much is expected as `together` says. Which way friction pushes a joint that rests nobody knows, and a
     speed that is mostly noise would teach a false level, and surely.
     """
 

@@ -69,6 +69,8 @@ def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
     belief.q[:], belief.v[:], belief.disturbance[:] = q, v, 0.0
     belief.torque[:], belief.drift[:], belief.regime[:] = tau, v, 0.0
     belief.innovation[:], belief.before[:], belief.acceleration[:] = 0.0, v, 0.0
+    if t < belief.time:  # a clock that was set back: what was told there lasts no longer, and lies ahead no more
+        belief.header[[Entry.ALARM, Entry.HEEDED]] = np.minimum(belief.header[[Entry.ALARM, Entry.HEEDED]], t)
     belief.header[Entry.TIME] = t
     belief.header[Entry.NIS] = 2.0 * n
     belief.header[Entry.NIS_MEAN] = 1.0

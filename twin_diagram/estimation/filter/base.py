@@ -15,6 +15,7 @@ from twin_diagram.estimation.filter.belief import Belief
 from twin_diagram.estimation.filter.delayed_measurements import History
 from twin_diagram.estimation.filter.sensor_registry import Declared, FilterError
 from twin_diagram.estimation.sensors import Instant, JointEncoder, JointState, JointVelocity, Linear, Sensor
+from twin_diagram.model.model import Model
 from twin_diagram.scenario import Filter
 from twin_diagram.scenario.validation import check_filter
 from twin_diagram.signals.arrays import Array
@@ -46,7 +47,8 @@ class Core:
         own: the arm's own sensors by name.
         period: of the filter [s].
         F: (N, N) scratch: derivative of the newest prediction.
-        by_torque: (2n, n) of [q, v] by torque over the newest prediction; None before the first.
+        by_torque: (2n, n) of [q, v] by torque over the newest prediction; None before the first of this belief:
+            the other scratch may then be of another's.
         wander: (n,) variance of the disturbance of a joint that slides, as given [N²·m²].
         creep: (n,) variance of the torque that friction may bring to joints that creep, over the newest step [N²·m²].
         step_mass: (n, n) mass matrix of the newest prediction [kg·m²].
@@ -55,16 +57,22 @@ class Core:
     belief: Belief
     history: History
 
-    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+    def __init__(self, terms: ArmTerms | Model, params: Filter) -> None:
         """Make the parts.
 
+        Args:
+            terms: the arm; of a model they are worked out.
+            params: tuning.
+
         Raises:
+            ArgumentError: something else than these.
             ScenarioError: a parameter or a rule that does not exist, or a figure that cannot be.
         """
         check_filter(params)
         if params.rule not in ("covariance", "gradient"):
             raise ScenarioError("twin.filter.rule", f"{params.rule!r} is neither 'covariance' nor 'gradient'")
-        self.terms, self.params = terms, params
+        self.terms = terms = ArmTerms.of(terms)
+        self.params = params
         self.parameters = ParameterSet(terms, params)
         self.encoder = JointEncoder(terms.n, params.encoder_std)
         self.velocity = JointVelocity(terms.n, params.velocity_std)
@@ -136,9 +144,16 @@ class Core:
             return 0.0
         n = self.terms.n
         mass = 3 * n + self.parameters.payload.start
-        J = self._last.jacobian(self.terms.true_position(x[:n]))[2][3:]
-        swing = solve_positive(self.step_mass, J.T @ J)
+        J = self._last.jacobian(x[:n])[2][3:]
+        swing = solve_positive(self._mass(), J.T @ J)
         return 3.0 * float(P[mass, mass]) * (swing @ (by_state @ P @ by_state.T + noise) @ swing.T)
+
+    def _mass(self) -> Array:
+        """Return the mass matrix (n, n) of the newest prediction, or of the state before the first."""
+        if self.by_torque is not None:
+            return self.step_mass
+        self.terms.set_payload(self.parameters.payload_of(self.belief.model))
+        return self.terms.mass_matrix(self.terms.true_position(self.belief.q))
 
     def bound(self) -> None:
         """Bound the covariance: no angle is less certain than a turn, no speed than twice its limit, even blind.

@@ -195,7 +195,7 @@ class Belief:
         """Return x̂ = [q, v] (2n,) carried on from the newest message to time t [rad, rad/s].
 
         Args:
-            t: [s]; carried on by `LONGEST_LOOK` at most, and never back.
+            t: [s]; carried on by `longest_look` at most, and never back.
         """
         ahead = min(max(t - self.time, 0.0), TUNING.longest_look) if self.valid else 0.0
         v = self.v + ahead * self.acceleration

@@ -80,11 +80,6 @@ class History:
         return int(self._at[1])
 
     @property
-    def newest(self) -> float:
-        """Time of the newest step [s]; infinite where there is none."""
-        return float(self._time[int(self._at[0])]) if self.count else np.inf
-
-    @property
     def oldest(self) -> float:
         """Time of the oldest step [s]; infinite where there is none."""
         return float(self._time[self._index(self.count - 1)]) if self.count else np.inf

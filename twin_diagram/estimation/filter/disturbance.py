@@ -95,7 +95,7 @@ def follow_disturbance(belief: Belief, params: Filter, variance: Array, elapsed:
         belief: `belief.steady` and `belief.told` are changed.
         params: tuning.
         variance: (n,) of d as given [N²·m²].
-        elapsed: since the last message [s].
+        elapsed: length of the newest prediction [s].
     """
     n = belief.n
     at = np.arange(2 * n, 3 * n)

@@ -27,7 +27,7 @@ its prior says, a motor that is no data sheet's, refutes the prior: see `paramet
 `Filter.parameter_rate`, and at once where that is much; in between, what has been learnt acts through the derivatives,
 so nothing of it is lost.
 
-**Late readings** are fused at their own time: see `history`.
+**Late readings** are fused at their own time: see `delayed_measurements`.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin_diagram.errors import expect
 from twin_diagram.estimation.filter.arm_messages import TUNING as ARM_MESSAGES
 from twin_diagram.estimation.filter.arm_messages import (
     Course,
@@ -76,6 +77,7 @@ class Ekf(Core):
         Raises:
             FilterError: a sensor of that name is there already.
         """
+        expect(sensor, Sensor, "sensor", "a Sensor (of twin_diagram.estimation.sensors, or a subclass)")
         if sensor.name in self.own:
             raise FilterError(f"a sensor {sensor.name!r} is declared already: give each a name of its own")
         before, start = self.belief, 3 * self.terms.n + self.parameters.size
@@ -145,7 +147,8 @@ class Ekf(Core):
             return
         if alarm[0] > 0.5:
             self.hold_noise(belief.time + 2.0 * self.period)
-        if not header[Entry.HEEDED] < alarm[2] < np.inf or alarm[1] in (AlarmKind.NONE, AlarmKind.SENSOR):
+        # An alarm of the future is one from before a clock was set back.
+        if not header[Entry.HEEDED] < alarm[2] <= belief.time or alarm[1] in (AlarmKind.NONE, AlarmKind.SENSOR):
             return
         header[Entry.HEEDED] = alarm[2]
         if belief.time >= header[Entry.QUIET]:

@@ -1,4 +1,4 @@
-"""Which readings speak for their sensor's noise, when, and how fast: see `noise` for what they say."""
+"""Which readings speak for their sensor's noise, when, and how fast: see `noise_estimate` for what they say."""
 
 from __future__ import annotations
 

@@ -4,15 +4,15 @@ With u = S⁻¹ y, y the innovation of covariance S, the likelihood of R_ii rise
 alike on average where R is right; for the white torque of joint j, of which a unit changes the reading by g_j, the same
 holds of (g_jᵀ u)² and g_jᵀ S⁻¹ g_j. So each deviation takes a small step along its own likelihood after every reading,
 
-    ln σ² ← ln σ² + ε w (min(u²/E[u²], CAP) − 1),      ε = max(Δt / `Filter.noise_time`, `EAGER` / readings so far),
+    ln σ² ← ln σ² + ε w (min(u²/E[u²], cap) − 1),      ε = max(Δt / `Filter.noise_time`, eager / readings so far),
 
-with w the share that σ² has in what is seen: what hardly shows is hardly moved. Δt is the time since the last reading;
-a sensor's first few hundred readings count for more, so that its noise has settled before a drift monitor has learnt
-what is normal (the torque's do not: what is yet to learn would pass for noise). Outliers are capped, and all stays
-within `WIDEST` of what was given.
+with w the share that σ² has in what is seen: what hardly shows is hardly moved. Δt is the time since the last reading,
+of the arm's own the length of the newest prediction; cap and eager are those of `Tuning`. A sensor's first few hundred
+readings count for more, so that its noise has settled before a drift monitor has learnt what is normal (the torque's do
+not: what is yet to learn would pass for noise). Outliers are capped, and all stays within `WIDEST` of what was given.
 
 **It stands still during an alarm**, lest the filter take a fault for noise: while one is reported from outside (see
-`Ekf.hold_noise`), and by itself for `HOLD` after a refused message, a surprise or an opening. Where those go on, it is
+`Ekf.hold_noise`), and by itself for `hold` after a refused message, a surprise or an opening. Where those go on, it is
 the noise that is wrong: after each hold it is free as long as it was held, and follows as quickly as at first.
 """
 

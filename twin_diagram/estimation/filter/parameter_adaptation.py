@@ -86,8 +86,8 @@ def open_up(core: Core, t: float) -> None:
     # Openings do not add up: none makes a parameter less certain than twice its prior.
     room = np.where(changed, np.sqrt(np.clip(2.0 - now.diagonal() / prior.diagonal(), 0.0, 1.0)), 0.0)
     now += prior * np.outer(room, room)
-    # Before it was noticed, part of the change went into the disturbance: no regime now is the one that was, so that
-    # the next prediction draws it afresh.
+    # Before it was noticed, part of the change went into the disturbance: no joint that slides is in the regime that
+    # was any more, so that the next prediction draws its own afresh.
     belief.regime *= 1.5
     belief.told[:] = 0.0
     core.history.opened(room)

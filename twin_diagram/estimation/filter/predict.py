@@ -43,7 +43,7 @@ TUNING = Tuning()
 
 
 def propagate(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
-    """Move the belief on by dt, in steps of `LONGEST_STEP` at most.
+    """Move the belief on by dt, in steps of `longest_step` at most.
 
     Args:
         core: its belief and history are changed.

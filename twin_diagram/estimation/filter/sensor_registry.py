@@ -100,7 +100,7 @@ class Declared:
             track[SensorTrack.LAST] = min(track[SensorTrack.LAST], t)
 
     def vouched(self, belief: Belief, sensor: Sensor | None, t: float) -> bool:
-        """Return whether another sensor than this one told of the state within `VOUCHED` before t."""
+        """Return whether another sensor than this one told of the state within `vouched` before t."""
         heard = [track[SensorTrack.LAST] for track in belief.tracks]
         if sensor is not None:
             heard = [last for last, other in zip(heard, self.sensors.values(), strict=True) if other is not sensor]

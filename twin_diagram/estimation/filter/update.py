@@ -181,7 +181,7 @@ def absorb(core: Core, gated: Gated) -> None:
     A.flat[:: belief.size + 1] += 1.0
     P = A @ belief.P @ A.T + K @ R @ K.T
     belief.P[:] = 0.5 * (P + P.T)
-    if core.params.rule == "gradient" and not gated.result.surprise:
+    if core.params.rule == "gradient" and not gated.result.surprise and core.by_torque is not None:
         gather(core, H, gated.weighted)
     core.parameters.clip(belief.theta)
     core.history.settle(belief.x, belief.P)
@@ -190,7 +190,7 @@ def absorb(core: Core, gated: Gated) -> None:
 def _late(
     core: Core, sensor: Sensor, z: Array, t: float, noise: Array | None, track: Array | None, back: int
 ) -> Update:
-    """Fuse a reading at an earlier step, and runs the steps after it again."""
+    """Fuse a reading at an earlier step, and run the steps after it again."""
     belief, n = core.belief, core.terms.n
     time, x, P = core.history.state(back)
     # From the step's end to the reading's own time the state moves by its speed: half a step at most.

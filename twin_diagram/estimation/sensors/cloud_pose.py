@@ -27,7 +27,7 @@ class Tuning:
     """Points with a partner that make a pose."""
 
     settled: float = 1e-3
-    """Steps of less than this share of `SEARCH` end the search."""
+    """Steps of less than this share of `search` end the search."""
 
     median: float = 0.4549
     """Of the square of a normal variate."""
@@ -117,8 +117,8 @@ class DepthCloud(BodyPose):
     levers are the surface's own points, not those measured: noise in a lever would seem to tell a turn of what is
     round. Where gaps are larger than their noise, R grows by that ratio; a search that does not settle adds the
     scatter of its steps. Where the points say nothing (a cylinder's turn about its axis), z stays with the pose
-    predicted and R has `NOTHING`², so that the filter does not take its own prediction for a measurement.
-    `floor`², which averaging does not remove since points share their calibration, is added.
+    predicted and R has `nothing`², so that the filter does not take its own prediction for a measurement.
+    `floor_p`² and `floor_r`², which averaging does not remove since points share their calibration, are added.
 
     Attributes:
         reach: a point farther than this from the surface is not of it [m].
@@ -177,7 +177,7 @@ class DepthCloud(BodyPose):
             z (7,) and R (6, 6) for `Ekf.update`.
 
         Raises:
-            CloudError: fewer than `FEWEST` points near the surface, points that are not of it, or a search that went
+            CloudError: fewer than `fewest` points near the surface, points that are not of it, or a search that went
                 astray.
         """
         points = np.asarray(points, dtype=float)

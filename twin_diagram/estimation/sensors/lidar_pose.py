@@ -100,7 +100,7 @@ class LidarPose(DepthCloud):
             z (7,) and R (6, 6) for `Ekf.update`.
 
         Raises:
-            CloudError: fewer than `FEWEST` points of the surface, points that are not of it, or a search that went
+            CloudError: fewer than `fewest` points of the surface, points that are not of it, or a search that went
                 astray.
         """
         points, origin = np.asarray(points, dtype=float), np.asarray(sensor_origin, dtype=float)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
-from twin_diagram.errors import LogError
+from twin_diagram.errors import LogError, expect
 from twin_diagram.logs import Log, fingerprint, uniform
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import inner, lowpass, motion
@@ -223,6 +223,10 @@ def prepare(model: Model, logs: Sequence[Log]) -> Records:
     Raises:
         LogError: no log, one that is too short, or without torque.
     """
+    expect(model, Model, "model", "a Model (as Model.load(PATH) returns it)")
+    expect(logs, Sequence, "logs", "a list of Logs")
+    for log in logs:
+        expect(log, Log, "logs", "a list of Logs (as read_log returns each)")
     if not logs:
         raise LogError("no log to fit: give at least one")
     regular = [uniform(straightened(log)) for log in logs]

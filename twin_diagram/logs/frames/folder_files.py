@@ -81,20 +81,25 @@ def read_json(path: Path) -> Any:
 
 
 def read_image(path: Path, flags: int) -> npt.NDArray[Any]:
-    """Return an image as OpenCV reads it; of one that is cut off, OpenCV's own complaints are not printed.
+    """Return an image as OpenCV reads it.
 
     Raises:
         FramesError: not a readable image.
     """
-    data = np.frombuffer(path.read_bytes(), np.uint8)
+    image = image_of(path.read_bytes(), flags)
+    if image is None:
+        raise FramesError(f"{path}: not a readable image")
+    return image
+
+
+def image_of(data: bytes, flags: int) -> npt.NDArray[Any] | None:
+    """Return a file's image, None where it is none; of one that is cut off, OpenCV's own complaints are not printed."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        image = cv2.imdecode(data, flags) if data.size else None
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error:  # one of 2³⁰ pixels and more
         image = None
     finally:
         cv2.utils.logging.setLogLevel(level)
-    if image is None:
-        raise FramesError(f"{path}: not a readable image")
-    return np.asarray(image)
+    return None if image is None else np.asarray(image)

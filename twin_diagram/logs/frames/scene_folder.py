@@ -69,9 +69,11 @@ class FrameFolder:
     Args:
         folder: the BOP scene.
         masks: folder of masks; None: its `mask_visib/`, where it has one.
+        masked: whether masks are wanted: without, those of several objects, or of none, are passed over.
 
     Attributes:
         numbers: of the frames, ascending.
+        times: of the frames, rising [s].
         posed: whether the frames say where their cameras were; else W is the first camera's frame, and the camera
             stands.
         calibration: RMS errors of what is told of the cameras; None where that is not told.
@@ -82,7 +84,7 @@ class FrameFolder:
             value.
     """
 
-    def __init__(self, folder: str | Path, masks: str | Path | None = None) -> None:
+    def __init__(self, folder: str | Path, masks: str | Path | None = None, *, masked: bool = True) -> None:
         self.folder = Path(folder)
         if not self.folder.is_dir():
             raise FramesError(f"{self.folder}: no such folder of frames")
@@ -92,7 +94,7 @@ class FrameFolder:
         self._depth = self._files(below(self.folder, "depth"))
         rgb, own = below(self.folder, "rgb"), below(self.folder, "mask_visib")
         self._rgb = self._files(rgb) if rgb.is_dir() else {}
-        chosen = Path(masks) if masks is not None else own if own.is_dir() else None
+        chosen = Path(masks) if masks is not None else own if masked and own.is_dir() else None
         self._masks = {} if chosen is None else self._files(chosen, of_objects=True)
         self.has_masks = chosen is not None
         posed = {number for number, entry in self._cameras.items() if "cam_R_w2c" in entry or "cam_t_w2c" in entry}
@@ -103,7 +105,7 @@ class FrameFolder:
         self._poses = {number: self._pose(number) for number in self.numbers}
         self._intrinsics = {number: self._matrix(number) for number in self.numbers}
         self._scales = {number: self._scale(number) for number in self.numbers}
-        self._times = self._read_times()
+        self.times = self._read_times()
         self._extra = read_extra(self.folder)
         self.calibration = self._extra.calibration
         self._sizes: dict[str, tuple[int, ...]] = {}
@@ -142,7 +144,7 @@ class FrameFolder:
         fx, fy, cx, cy = self._intrinsics[number]
         colour = ViewCamera(width, height, fx, fy, cx, cy, *self._poses[number])
         extra: ExtraCamera = self._extra
-        time = self._times[index]
+        time = self.times[index]
         camera = extra.depth_camera(colour, depth.shape)
         return RgbdFrame(
             number,
@@ -238,13 +240,16 @@ class FrameFolder:
 
 
 def read_mask(path: Path, size: tuple[int, ...] | None = None) -> Mask:
-    """Return (h, w), where an image is not black.
+    """Return (h, w), where an image is not black; of one that is cut out, where that is not transparent.
 
     Raises:
         FramesError: not readable, empty, full, or not of `size` (h, w) where one is told.
     """
     image = read_image(path, cv2.IMREAD_UNCHANGED)
-    mask = image.reshape(*image.shape[:2], -1).max(axis=-1) > 0
+    layers = image.reshape(*image.shape[:2], -1)
+    if layers.shape[2] == 4 and np.ptp(layers[..., 3]) == 0:  # opaque all over
+        layers = layers[..., :3]
+    mask = layers.max(axis=-1) > 0
     if not mask.any():
         raise FramesError(f"{path}: the mask is empty")
     if mask.all():

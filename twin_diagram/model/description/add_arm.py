@@ -5,6 +5,7 @@ The model and every station add their arm with `add_arm`, so that both mean the 
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -29,7 +30,7 @@ from pydrake.multibody.tree import (
 )
 
 from twin_diagram import scenario
-from twin_diagram.errors import ModelError, ScenarioError
+from twin_diagram.errors import ModelError, ScenarioError, expect
 from twin_diagram.model.description import foreign, impossible, parser_warnings, unparsed
 from twin_diagram.scenario import resources
 from twin_diagram.scenario.poses import pose
@@ -106,7 +107,7 @@ def resolve(
     packages: Mapping[str, str | Path] | None = None,
     base_dir: str | Path | None = None,
 ) -> scenario.ArmModel:
-    """Find the description, and merges what the folder of a corrected model says.
+    """Find the description, and merge what the folder of a corrected model says.
 
     Args:
         spec: an arm of a scenario, or just the path of a description or folder.
@@ -120,6 +121,7 @@ def resolve(
     Raises:
         ModelError: no such file, or a folder without a readable `effects.yaml`.
     """
+    expect(spec, (str, os.PathLike, scenario.ArmModel), "model", "the path of a URDF, SDF or MJCF file, or an ArmModel")
     if not isinstance(spec, scenario.ArmModel):
         spec = scenario.ArmModel(model=str(spec), tool_frame="")
     name = spec.model
@@ -178,7 +180,7 @@ def add_arm(
     packages: Mapping[str, str | Path] | None = None,
     base_dir: str | Path | None = None,
 ) -> Arm:
-    """Parse an arm into a plant that is not finalized, and welds its base at X_WB where it is free.
+    """Parse an arm into a plant that is not finalized, and weld its base at X_WB where it is free.
 
     A description without any motor (most URDFs carry no transmissions) gets one on each joint that is named, or, where
     none is named, on each revolute joint; joints that are named get the motor they lack.
@@ -234,7 +236,9 @@ def _parsed(
             instances = foreign.add_models(parser(plant, packages), Path(spec.model))
     except SystemExit as error:  # of a condition within Drake, from which pydrake would end the program
         raise ModelError(f"{spec.model}: Drake's parser does not hold it: {_first_line(error)}") from error
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
+        if isinstance(error, ModelError):
+            raise
         said = _first_line(error)
         unknown = re.search(r"unknown package '([^']+)'", said)
         advice = f"; {resources.name_package(unknown[1])}" if unknown else ""
@@ -271,7 +275,26 @@ def _choose(
     else:
         gripper = [joint for joint in driven if isinstance(joint, PrismaticJoint)]
     in_arm = {int(joint.index()) for joint in arm}
+    _refuse_carried(spec, arm, every, following)
     return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]
+
+
+def _refuse_carried(
+    spec: scenario.ArmModel, arm: Sequence[Joint], every: Sequence[Joint], leaders: Mapping[str, str]
+) -> None:
+    """Raise ModelError where a joint that follows one of the arm's carries another: it would be held where it is."""
+    to_child = {int(joint.child_body().index()): joint for joint in every}
+    own = {joint.name() for joint in arm}
+    for joint in arm:
+        above: Joint | None = joint
+        while above is not None:
+            name = above.name()
+            if name not in own and leaders.get(name) in own:
+                raise ModelError(
+                    f"{spec.model}: joint {name!r} follows {leaders[name]!r} and carries {joint.name()!r}; such an arm "
+                    "is not modelled, unless `joints` names it as one that is driven"
+                )
+            above = to_child.get(int(above.parent_body().index()))
 
 
 def _from_the_base(joints: list[Joint], every: Sequence[Joint]) -> list[Joint]:

@@ -2,7 +2,7 @@
 
 What is put right in a copy in memory: meshes as STL or COLLADA, packages that lie above the description, motors or
 materials of one name, motors of joints that are not there, fixed joints that claim to follow another one, a name that
-lacks, MJCF's bodies without mass. What needs none of it is parsed as it is.
+lacks, MJCF's bodies without mass or with several joints. What needs none of it is parsed as it is.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from xml.etree import ElementTree
 
 from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.tree import ModelInstanceIndex
 
-from twin_diagram.model.description import mesh_files, named_files, unparsed
+from twin_diagram.model.description import mesh_files, mjcf_bodies, named_files, unparsed
 
 _KINDS = {".urdf": "urdf", ".sdf": "sdf", ".xml": "xml"}
 """Suffixes of descriptions, and what Drake calls these kinds of text."""
@@ -116,11 +117,15 @@ def _readable(path: Path, text: bytes, packages: Mapping[str, Path]) -> Callable
 
 
 def _mjcf(text: bytes, path: Path) -> bytes:
-    """Return an MJCF in one piece, with a name, and with a little mass where it says that there is none."""
+    """Return an MJCF in one piece, with a name, a joint a body, and a little mass where it says that there is none."""
     if unparsed.is_nameless(path):
         text = _EMPTY_NAME.sub(rb"<mujoco\1", text, count=1).replace(b"<mujoco", b'<mujoco model="robot"', 1)
     if _asks_for_one_piece(text, path):
         text = _in_one_piece(text, path.parent, 0)
+    if not mjcf_bodies.is_plain(unparsed.tree(path)):
+        root = ElementTree.fromstring(text)
+        mjcf_bodies.make_plain(root)
+        text = ElementTree.tostring(root)
     return _INERTIAL.sub(lambda match: _NO_MASS + match[2] + b">" if _is_zero(match[1]) else match[0], text)
 
 
@@ -129,7 +134,8 @@ def _asks_for_one_piece(text: bytes, path: Path) -> bool:
     whole = _in_one_piece(text, path.parent, 0)
     meshes = (Path(match[2].decode(errors="replace")).suffix.lower() for match in _MESH[".xml"].finditer(whole))
     massless = any(_is_zero(match[1]) for match in _INERTIAL.finditer(whole))
-    return massless or any(suffix in mesh_files.TURNED for suffix in meshes)
+    turned = any(suffix in mesh_files.TURNED for suffix in meshes)
+    return massless or turned or not mjcf_bodies.is_plain(unparsed.tree(path))
 
 
 def _in_one_piece(text: bytes, folder: Path, depth: int) -> bytes:

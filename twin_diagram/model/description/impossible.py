@@ -1,8 +1,13 @@
-"""Refuses what no arm can have: Drake takes a negative mass for a positive one, and ends the program at some limits."""
+"""Refuses what no arm can have, and what would be read as something else.
+
+Drake takes a negative mass for a positive one, warns of a negative moment of inertia among a hundred other things, ends
+the program at some limits, and of a number with a decimal comma reads what stands before it.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -13,9 +18,20 @@ from twin_diagram.model.description import unparsed
 Told = tuple[Sequence[tuple[Element, str | None]], Sequence[tuple[Element, str | None, str | None]]]
 """Links with their masses, joints with their lower and upper limits."""
 
+ROUNDING = 1e-6
+"""So far below zero a moment of inertia may be [kg·m²]: descriptions made by programs hold zeros rounded to less."""
+_MOMENTS = ("ixx", "iyy", "izz")
+"""About the axes: as attributes and as elements."""
+
+
+_COMMA = re.compile(r"[-+]?\d*,\d+")
+"""A number as exporters write it where their system's language has decimal commas."""
+_NO_NUMBERS = frozenset({"name", "filename", "file", "uri", "link", "parent", "child"})
+"""Attributes and elements whose words may look like one."""
+
 
 def refuse_impossible(path: Path) -> None:
-    """Refuse a URDF, SDF or MJCF with a negative mass, or with a joint whose lower limit lies above its upper one.
+    """Refuse a URDF, SDF or MJCF with negative masses or moments, decimal commas, or a lower limit above its upper one.
 
     Numbers that are none are left to the parser, which names them.
 
@@ -25,16 +41,45 @@ def refuse_impossible(path: Path) -> None:
     reads = {".urdf": _urdf, ".sdf": _sdf, ".xml": _mjcf}.get(path.suffix.lower())
     if reads is None or not path.is_file():
         return
-    masses, limits = reads(unparsed.tree(path))
+    root = unparsed.tree(path)
+    _refuse_commas(path, root)
+    for compiler in root.iter("compiler"):  # of an MJCF
+        if _number(total := compiler.get("settotalmass")) > 0.0:
+            raise ModelError(f"{path}: settotalmass {total}: Drake does not scale masses; state them as they are")
+    masses, limits = reads(root)
     for link, word in masses:
         if (mass := _number(word)) < 0:
             raise ModelError(f"{path}: link {_name(link)!r}: a mass of {mass:g} kg; it cannot be negative")
+    for link, word in _moments(root):
+        if (moment := _number(word)) < -ROUNDING:
+            raise ModelError(f"{path}: link {_name(link)!r}: a moment of {moment:g} kg·m²; it cannot be negative")
     for joint, *words in limits:
         low, high = map(_number, words)
         if low > high:
             raise ModelError(
                 f"{path}: joint {_name(joint)!r}: its lower limit {low:g} lies above its upper one {high:g}"
             )
+
+
+def _refuse_commas(path: Path, element: Element, owner: str = "") -> None:
+    if element.tag in ("link", "body", "joint"):
+        owner = f"{element.tag} {_name(element)!r}"
+    for key, text in (*element.items(), (element.tag, element.text or "")) if owner else ():
+        comma = key not in _NO_NUMBERS and next(filter(_COMMA.fullmatch, text.split()), "")
+        if comma:
+            raise ModelError(f"{path}: {owner}: {key} is {comma}; write a point, {comma.replace(',', '.')}")
+    for child in element:
+        _refuse_commas(path, child, owner)
+
+
+def _moments(root: Element) -> list[tuple[Element, str | None]]:
+    """Return the links of a URDF or SDF with their moments of inertia; an MJCF's are checked where it is parsed."""
+    return [
+        (link, one.get(name) or one.findtext(name))
+        for link in root.iter("link")
+        for one in link.findall("inertial/inertia")
+        for name in _MOMENTS
+    ]
 
 
 def _urdf(root: Element) -> Told:

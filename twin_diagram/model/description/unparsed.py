@@ -75,24 +75,21 @@ def armatures(path: Path) -> dict[str, float]:
         raise ModelError(f"{path}: joint: {error}") from error
 
 
-def mimicking(path: Path) -> set[str]:
-    """Return the names of a URDF's joints that follow another one, and so have no motor."""
+def mimicking(path: Path) -> dict[str, str]:
+    """Return the names of a URDF's joints that follow another one, and so have no motor, and of those that lead."""
     if path.suffix.lower() != ".urdf":
-        return set()
-    joints = _root(path).iter("joint")
-    return {joint.get("name", "") for joint in joints if joint.find("mimic") is not None}
+        return {}
+    each = [(joint.get("name", ""), joint.find("mimic")) for joint in _root(path).iter("joint")]
+    return {name: mimic.get("joint", "") for name, mimic in each if mimic is not None}
 
 
 def effort_limits(path: Path) -> dict[str, float]:
     """Return the effort limits of a URDF's joints; Drake itself keeps those of joints with a transmission alone."""
     if path.suffix.lower() != ".urdf":
         return {}
-    result: dict[str, float] = {}
-    for joint in _root(path).iter("joint"):
-        limit = joint.find("limit")
-        if limit is not None and float(limit.get("effort", "0")) > 0.0:
-            result[joint.get("name", "")] = float(limit.get("effort", "0"))
-    return result
+    each = [(joint.get("name", ""), joint.find("limit")) for joint in _root(path).iter("joint")]
+    efforts = {name: float(limit.get("effort", "0")) for name, limit in each if limit is not None}
+    return {name: effort for name, effort in efforts.items() if effort > 0.0}
 
 
 def is_nameless(path: Path) -> bool:
@@ -153,8 +150,9 @@ def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float
             keys = ("frictionloss", "stiffness", "springref", "armature")
             friction, stiffness, rest, rotor = (float(attributes.get(key, "0")) for key in keys)
             yield joint.get("name", ""), (friction, stiffness, scale * rest, rotor)
-        for body in element.findall("body"):
-            yield from walk(body, inherited)
+        for inner in element:
+            if inner.tag in ("body", "frame"):
+                yield from walk(inner, inherited)
 
     for world in root.findall("worldbody"):
         yield from walk(world, "main")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TypeVar
 
-from twin_diagram.errors import ModelError
+from twin_diagram.errors import ArgumentError, ModelError
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import Parameter
 from twin_diagram.model.effects.timing import Interval
@@ -20,7 +20,9 @@ REGISTRY: dict[str, type[Effect]] = {}
 
 
 def register(cls: Class) -> Class:
-    """Make an effect's class known by its name, as a decorator."""
+    """Make an effect's class known by its name, as a decorator; raises ArgumentError for what is no effect."""
+    if not (isinstance(cls, type) and issubclass(cls, Effect)):
+        raise ArgumentError(f"register: a class derived from Effect is wanted, not {cls!r}")
     REGISTRY[cls.name] = cls
     return cls
 

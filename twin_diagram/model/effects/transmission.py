@@ -22,7 +22,7 @@ class JointSpring(Effect):
 
     Either linear, the motor giving stiffness × (q − rest_angle) more, or a `curve`: as many angles [rad, rising] and
     then the torques [N·m] that the motor gives more at them, on one joint. Between its points the curve is a monotone
-    cubic (Fritsch and Carlson 1980), beyond them it goes on straight. On a prismatic joint, positions and forces.
+    cubic (Fritsch and Carlson 1980), beyond them it takes its mean slope. On a prismatic joint: positions and forces.
     """
 
     name: ClassVar[str] = "joint_spring"

@@ -75,7 +75,8 @@ def from_plant(plant: MultibodyPlant, context: Context, arm: Arm) -> RigidTree:
     rotor = np.zeros(len(joints))
     for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices()):
         if int(actuator.joint().index()) in order:
-            rotor[order[int(actuator.joint().index())]] += actuator.calc_reflected_inertia(context)
+            # Of several motors on a joint, a plant takes the last one's rotor for the joint's.
+            rotor[order[int(actuator.joint().index())]] = actuator.calc_reflected_inertia(context)
     return RigidTree(
         parent=parent,
         revolute=np.array([isinstance(joint, RevoluteJoint) for joint in joints]),

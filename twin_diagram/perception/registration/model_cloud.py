@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from twin_diagram.assets import Asset
+from twin_diagram.errors import expect
 from twin_diagram.perception.registration.cloud_kernels import SurfaceCloud
 from twin_diagram.perception.registration.nearest_points import NearestPoints
 from twin_diagram.perception.registration.point_kernels import PointTable
@@ -141,6 +142,7 @@ class ModelCloud:
             asset: the object.
             view_points: points kept per direction.
         """
+        expect(asset, Asset, "library", "an Asset for each name (Asset.load(FOLDER))")
         key = _digest(asset, view_points)
         if (kept := _KEPT.get(key)) is None:
             kept = _KEPT[key] = ModelCloud._worked_out(asset, view_points)

@@ -41,7 +41,7 @@ class Segments:
         colours: (N, 3) RGB in [0, 1].
         labels: (N,) which segment, from 0.
         count: how many segments there are.
-        label_image: (h, w) at every `stride`-th pixel: a segment's number, `BACKGROUND`, `ROBOT` or `NO_DEPTH`.
+        label_image: (h, w) at every `stride`-th pixel: a segment's number, or a label of `TUNING`.
         stride: of `label_image`.
         depth: (H, W) the whole depth image [m], 0 where there is none.
         rgb: (H, W, 3) the whole colour image.

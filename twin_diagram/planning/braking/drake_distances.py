@@ -34,11 +34,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.errors import ModelError
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.description.fixtures import add_fixture
 from twin_diagram.planning.braking.stop_check import Nearness
 from twin_diagram.planning.collision.geometry_to_solids import points_of
-from twin_diagram.scenario import poses, resources
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.pose_vectors import as_matrix
 
@@ -112,7 +111,7 @@ class DrakeDistances:
         builder = DiagramBuilder()
         self._plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         self._arm: Final = description.add_arm(self._plant, spec, packages)
-        welded = [_add_fixture(self._plant, fixture, packages) for fixture in fixtures]
+        welded = [add_fixture(self._plant, fixture, packages) for fixture in fixtures]
         self._plant.Finalize()
         self._source = self._scene_graph.RegisterSource("around")
         count = len(library) + further + things
@@ -333,23 +332,6 @@ class DrakeDistances:
             rules = rules.ExcludeBetween(mine, arm).AllowBetween(mine, GeometrySet(rest))
         self._scene_graph.collision_filter_manager(self._shapes).Apply(rules)
         self._filtered = held, on_support
-
-
-def _add_fixture(
-    plant: MultibodyPlant, fixture: scenario.Fixture, packages: Mapping[str, str | Path] | None
-) -> list[RigidBody]:
-    """Weld a fixture's free roots at X_WB; return its bodies."""
-    path = resources.resolve(fixture.model, packages)
-    try:
-        instances = description.parser(plant, packages).AddModels(str(path))
-    except RuntimeError as error:
-        raise ModelError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error
-    bodies = [plant.get_body(b) for instance in instances for b in plant.GetBodyIndices(instance)]
-    for instance in instances:
-        body = plant.get_body(plant.GetBodyIndices(instance)[0])
-        if not plant.GetBodiesWeldedTo(plant.world_body()).count(body):
-            plant.WeldFrames(plant.world_frame(), body.body_frame(), poses.pose(fixture.X_WB))
-    return bodies
 
 
 def _ball(inspector: SceneGraphInspector, shape: GeometryId) -> tuple[Array, float]:

@@ -13,12 +13,13 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Capsule, Cylinder, GeometryId, SceneGraph, SceneGraphInspector, Shape, Sphere
+from pydrake.geometry import Capsule, Convex, Cylinder, GeometryId, Mesh, SceneGraph, SceneGraphInspector, Shape, Sphere
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from twin_diagram import scenario
+from twin_diagram.errors import ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.planning.collision.convex_solids import bounding_box
 from twin_diagram.planning.collision.geometry_to_solids import moved, points_of
@@ -43,6 +44,9 @@ class Tuning:
 
     bone: float = 0.05
     """Radius of an arm without shapes, as a share of its length: that of slender arms."""
+
+    widest: float = 20.0
+    """What spans more than this [m] is no link but a mesh in mm: in these a finger of 2 cm spans as much."""
 
     few_shapes: int = 6
     """Each shape of a link counts as a part of its own, but not where a link has more of them than this."""
@@ -116,6 +120,7 @@ def arm_balls(
         geometries = plant.GetCollisionGeometriesForBody(body)
         for geometry in geometries:
             X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix4()
+            _refuse_too_wide(inspector, geometry, f"{arm.spec.model}: link {body.name()!r}")
             for c, r, part in _cover(inspector, geometry, [X_LB @ X_BG for X_LB in X_LBs], fingers):
                 centres.append(c)
                 radii.append(r)
@@ -195,6 +200,17 @@ def _link_poses(plant: MultibodyPlant, arm: description.Arm, depth: Ints) -> Cal
     return poses
 
 
+def _refuse_too_wide(inspector: SceneGraphInspector, geometry: GeometryId, whose: str) -> None:
+    """Refuse a mesh that spans more than any link does; raises ModelError."""
+    if not isinstance(inspector.GetShape(geometry), (Mesh, Convex)):
+        return
+    span = float(np.ptp(points_of(inspector, geometry), axis=0).max())
+    if span > TUNING.widest:
+        raise ModelError(
+            f'{whose}: its collision mesh spans {span:.3g} m; where it is in mm, name it with scale="0.001 0.001 0.001"'
+        )
+
+
 def _cover(
     inspector: SceneGraphInspector, geometry: GeometryId, X_LGs: list[Array], fingers: float
 ) -> list[tuple[Array, float, int]]:
@@ -236,7 +252,7 @@ def _round_cover(shape: Shape) -> list[tuple[Array, float]]:
 def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
     """Return balls (centre, radius, part) that hold a box of edge lengths `size` about the origin.
 
-    One ball about each cell of a grid, as coarse as the overhang beyond the faces allows, but of `MOST_CELLS` cells
+    One ball about each cell of a grid, as coarse as the overhang beyond the faces allows, but of `Tuning.most_cells`
     at most: the cover of a large box reaches farther beyond it. `part` numbers the pieces along the longest edge.
     """
     size = np.asarray(size, dtype=float)

@@ -17,6 +17,16 @@ from twin_diagram.errors import ModelError
 from twin_diagram.signals.arrays import Array, Ints
 
 
+def drawn_range(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Return finite limits (n,) within the joints' own from which configurations are drawn: ±π, m where they slide.
+
+    Where a joint's own lie beyond that they are those within π of its least.
+    """
+    beyond = np.maximum(lower, -np.pi) > np.minimum(upper, np.pi)
+    middle = np.where(beyond, np.clip(0.0, lower, upper), 0.0)
+    return np.maximum(lower, middle - np.pi), np.minimum(upper, middle + np.pi)
+
+
 @dataclass(frozen=True)
 class Placement:
     """Where the arm's links are in some configurations; N configurations, n joints.

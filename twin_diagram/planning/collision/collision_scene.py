@@ -15,7 +15,7 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.planning.collision.ball_cover import TUNING as COVER
 from twin_diagram.planning.collision.ball_cover import arm_balls, arm_plant
-from twin_diagram.planning.collision.chain import Chain, depths
+from twin_diagram.planning.collision.chain import Chain, depths, drawn_range
 from twin_diagram.planning.collision.clearance import Clearance, Surroundings
 from twin_diagram.planning.collision.convex_solids import solid_of
 from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
@@ -58,7 +58,7 @@ class Tuning:
     """Shapes of unknown things that are kept at hand, four times as many as there are slots."""
 
     own_contact: float = 0.01
-    """Parts of the arm nearer to each other than this count as touching [m]: `planner.Tuning.own_clearance`."""
+    """Parts of the arm nearer to each other than this count as touching [m]: `guide.Tuning.own_clearance`."""
 
 
 TUNING = Tuning()
@@ -327,8 +327,7 @@ def travel(times: Array) -> Array:
 
 
 def _samples(lower: Array, upper: Array) -> Array:
-    low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
-    return np.random.default_rng(0).uniform(low, high, (TUNING.samples, len(lower)))
+    return np.random.default_rng(0).uniform(*drawn_range(lower, upper), (TUNING.samples, len(lower)))
 
 
 def _here(clearance: Clearance, count: int, present: npt.NDArray[np.bool_]) -> Surroundings:

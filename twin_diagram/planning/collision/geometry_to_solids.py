@@ -27,10 +27,8 @@ from pydrake.multibody.tree import BodyIndex
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError
-from twin_diagram.model.description import add_arm as description
-from twin_diagram.model.description import foreign
+from twin_diagram.model.description.fixtures import add_fixture
 from twin_diagram.planning.collision.convex_solids import Ball, Box, Polytope, Solid, solid_of
-from twin_diagram.scenario import poses, resources
 from twin_diagram.signals.arrays import Array
 
 
@@ -60,31 +58,22 @@ def fixture_solids(
     for fixture in fixtures:
         plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
         plant.RegisterAsSourceForSceneGraph(scene_graph)
-        path = resources.resolve(fixture.model, packages)
-        try:
-            instances = foreign.add_models(description.parser(plant, packages), path)
-        except RuntimeError as error:
-            raise ModelError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error
-        X_WB = poses.pose(fixture.X_WB)
-        for instance in instances:
-            body = plant.get_body(plant.GetBodyIndices(instance)[0])
-            if not plant.GetBodiesWeldedTo(plant.world_body()).count(body):
-                plant.WeldFrames(plant.world_frame(), body.body_frame(), X_WB)
+        add_fixture(plant, fixture, packages)
         plant.Finalize()
         if plant.num_positions():
             raise ModelError(
-                f"{path}: a fixture stands still, but this model has {plant.num_positions()} free positions"
+                f"{fixture.model}: a fixture stands still, but this model has {plant.num_positions()} free positions"
             )
         context = plant.CreateDefaultContext()
         inspector = scene_graph.model_inspector()
         solids: list[Solid] = []
-        for index in range(plant.num_bodies()):
+        for index in range(plant.num_bodies()):  # the world's own among them: an MJCF's `worldbody`
             body = plant.get_body(BodyIndex(index))
             X_WF = plant.EvalBodyPoseInWorld(context, body).GetAsMatrix4()
             for geometry in plant.GetCollisionGeometriesForBody(body):
                 X_WG = X_WF @ inspector.GetPoseInFrame(geometry).GetAsMatrix4()
                 solids.extend(_solids(inspector, geometry, X_WG))
-        result.append((path.stem, solids))
+        result.append((Path(fixture.model).stem, solids))
     return result
 
 

@@ -86,16 +86,6 @@ def to_box(p_B: Array, half: Array) -> tuple[Array, Array]:
     return np.where(out, norm, excess.max(axis=1)), slope
 
 
-def box_distance(p_B: Array, half: Array) -> Array:
-    """Return the distances of `to_box` alone."""
-    excess = np.abs(p_B) - half
-    x, y, z = excess[:, 0], excess[:, 1], excess[:, 2]
-    deepest = np.maximum(np.maximum(x, y), z)
-    np.maximum(excess, 0.0, out=excess)
-    norm: Array = np.sqrt(np.einsum("mi,mi->m", excess, excess))
-    return norm + np.minimum(deepest, 0.0)
-
-
 def to_ball(offset: Array, size: Array) -> tuple[Array, Array]:
     """Return distances and gradients of points at `offset` (M, 3) from the centres of balls of radius `size` (M,)."""
     norm = np.sqrt(np.einsum("mi,mi->m", offset, offset))

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex
 
 from twin_diagram.model.model import Model
-from twin_diagram.planning.collision.chain import Chain, point_jacobian
+from twin_diagram.planning.collision.chain import Chain, drawn_range, point_jacobian
 from twin_diagram.signals.arrays import Array
 
 
@@ -125,8 +125,7 @@ def acceleration_limit(model: Model, velocity: Array, torque_share: float) -> Ar
         velocity: (n,) the speeds that are used [rad/s]; none is reached sooner than `Tuning.quickest`.
         torque_share: of effort limits that is used.
     """
-    low, high = np.maximum(model.lower, -np.pi), np.minimum(model.upper, np.pi)
-    q = np.random.default_rng(0).uniform(low, high, (TUNING.samples, len(low)))
+    q = np.random.default_rng(0).uniform(*drawn_range(model.lower, model.upper), (TUNING.samples, len(velocity)))
     M, load = model.law.mass_and_load(q, np.zeros_like(q), np.zeros_like(q))
     allowed = torque_share * np.where(model.effort_limit > 0.0, model.effort_limit, np.inf)
     left = np.maximum(allowed - np.abs(load), TUNING.arrives * allowed)

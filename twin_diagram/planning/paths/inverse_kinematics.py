@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from twin_diagram.planning.collision.chain import Chain
+from twin_diagram.planning.collision.chain import Chain, drawn_range
 from twin_diagram.signals.arrays import Array
 
 
@@ -71,7 +71,7 @@ def solve(
     margin = np.minimum(tuning.limit_margin, 0.1 * (upper - lower))
     low, high = lower + margin, upper - margin
     spread = np.linspace(0.0, 1.5, half)[:, None] * rng.standard_normal((half, n))
-    anywhere = rng.uniform(np.maximum(low, -np.pi), np.minimum(high, np.pi), (tuning.starts - half, n))
+    anywhere = rng.uniform(*drawn_range(low, high), (tuning.starts - half, n))
     q = np.clip(np.concatenate([near + spread, anywhere]), low, high)
     X_LT, X_WG, low, high = (np.ascontiguousarray(part, dtype=float) for part in (chain.X_LT, X_WG, low, high))
     q, error = inverse_kernels.search(

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.planning.collision.chain import drawn_range
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.paths import rrt_connect
 from twin_diagram.planning.paths.route_tuning import RouteTuning
@@ -130,8 +131,7 @@ class Router:
         self.scene, self.speed, self.rises = scene, speed, rises
         self.acceleration = np.full(len(speed), np.inf) if acceleration is None else acceleration
         self.tuning = tuning or RouteTuning()
-        bound = np.full(scene.chain.size, np.pi)
-        self._lower, self._upper = np.maximum(scene.lower, -bound), np.minimum(scene.upper, bound)
+        self._drawn: Final = drawn_range(scene.lower, scene.upper)
 
     def timed(self, points: Array) -> tuple[Array, Array]:
         """Return the configurations along straight lines between points (W, n), and the times of arrival [s]."""
@@ -308,7 +308,7 @@ class Router:
         for _ in range(self.tuning.lift_steps):
             J = chain.tool_jacobian(placement)[0, 3:]
             off = goal - chain.tool(placement)[0, :3, 3]
-            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-3 * np.eye(3), off), self._lower, self._upper)
+            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-3 * np.eye(3), off), self.scene.lower, self.scene.upper)
             placement = chain.place(q[None])
         return q
 
@@ -347,8 +347,7 @@ class Router:
             now.q,
             goals,
             is_free,
-            self._lower,
-            self._upper,
+            *self._drawn,
             rng,
             self.tuning.checks,
             weights=1.0 / self.speed,
@@ -364,7 +363,7 @@ class Router:
             return route
         tries = self.tuning.refuge_tries
         scale = np.linspace(0.1, 0.7, tries)[:, None]
-        q = np.clip(now.q + scale * rng.standard_normal((tries, n)), self._lower, self._upper)
+        q = np.clip(now.q + scale * rng.standard_normal((tries, n)), self.scene.lower, self.scene.upper)
         q = q[self.ends_free(now, q, now.allowed(now.margins(None, self.tuning.spare)))]
         for candidate in q[np.argsort((np.abs(q - now.q) / self.speed).max(axis=1), kind="stable")][:4]:
             if self.first_blocked(now, candidate[None], margins) is None:

@@ -74,7 +74,7 @@ def plan(
         start: (n,), taken to be free.
         goals: (G, n), taken to be free.
         is_free: checks configurations.
-        lower: (n,) finite limits [rad].
+        lower: (n,) finite limits [rad] of what is drawn, widened to those of start and goals.
         upper: (n,) likewise.
         rng: draws samples.
         checks: most configurations that may be checked.
@@ -86,6 +86,8 @@ def plan(
     """
     tuning = tuning or GuideTuning()
     weights = np.ones(len(start)) if weights is None else weights
+    ends = np.vstack([start, goals])
+    lower, upper = np.minimum(lower, ends.min(axis=0)), np.maximum(upper, ends.max(axis=0))
     budget = _Budget(is_free, checks)
     best: Array | None = None
     for _ in range(tuning.trials):

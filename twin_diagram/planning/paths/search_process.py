@@ -19,7 +19,10 @@ class Tuning:
     """Constants of this module, with their units and what set them."""
 
     patience: float = 20.0
-    """A search that takes longer hangs [s of the wall clock]: on a busy machine it takes up to a second."""
+    """A search that takes longer hangs [s of the wall clock]: on a busy machine it takes up to a second …"""
+
+    beginning: float = 180.0
+    """… but for a process's first [s of the wall clock], which may compile loops; as `work_beside` has it."""
 
     pauses: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
     """Between a failure and the next start [s of the wall clock], one for each start anew: what fails by chance is soon
@@ -62,7 +65,9 @@ class SearchProcess(Searcher):
         self.why = ""
         self.failures: list[str] = []
         self._waits = waits
-        self._patience = TUNING.patience if patience is None else patience
+        self._first = TUNING.beginning if patience is None else patience
+        self._later = TUNING.patience if patience is None else patience
+        self._patience = self._first
         self._pauses = TUNING.pauses if pauses is None else tuple(pauses)
         self._known: dict[bytes, Answer | None] = {}
         self._since: dict[bytes, float] = {}
@@ -130,6 +135,7 @@ class SearchProcess(Searcher):
             self._known = {key: answer for key, answer in self._known.items() if answer is not None}
             self._since = {key: self._since[key] for key in self._known}
             self._child = WorkerProcess(self._guide, self._answered, self._fail)
+            self._patience = self._first
             self.why = ""
         return True
 
@@ -150,6 +156,7 @@ class SearchProcess(Searcher):
     def _answered(self, key: bytes, answer: Answer) -> None:
         with self._changed:
             self._known[key] = answer
+            self._patience = self._later
             self._changed.notify_all()
 
     def _fail(self, child: WorkerProcess, why: str) -> None:

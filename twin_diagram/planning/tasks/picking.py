@@ -58,6 +58,8 @@ def another_grasp(
     for each in _offered(seen, step, library, seen.X_WT[:4]):
         if not any(_same(each, other) for other in apart):
             apart.append(each)
+    if not apart:  # it has been turned meanwhile, or stands elsewhere
+        return None
     grasp = apart[(state.attempt + state.others + 1) % len(apart)]
     if _same(grasp, state.grasp):
         return None

@@ -75,12 +75,17 @@ def read_fleet(path: Path) -> list[Visit]:
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
+            table = csv.DictReader(file)
+            rows, columns = list(table), table.fieldnames or ()
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise TwinError(f"--fleet {path}: cannot be read: {error}") from error
     visits: dict[tuple[str, str], Visit] = {}
     if not rows:
         raise TwinError(f"--fleet {path}: holds no robot; its columns are {','.join(COLUMNS)}")
+    if lacking := [column for column in COLUMNS if column not in columns]:
+        raise TwinError(
+            f"--fleet {path}: line 1: no column {', '.join(lacking)}; with commas between they are {','.join(COLUMNS)}"
+        )
     for number, row in enumerate(rows, 2):
         fields = {column: (row.get(column) or "").strip() for column in COLUMNS}
         if empty := [column for column, value in fields.items() if not value]:

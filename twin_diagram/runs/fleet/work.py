@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from twin_diagram.runs.fleet.robots import Visit
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.child_process import environment
 
 LINE_FILE = "fleet_line.json"
 """In a visit's folder: what the fleet's table says of it, and what it was made of."""
@@ -110,7 +111,12 @@ def _run(command: list[str], timeout: float) -> tuple[int, str, str]:
     theirs, ours = os.pipe()
     try:
         process = subprocess.Popen(
-            command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+            command,
+            stdin=theirs,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+            env=environment(),
         )
     except BaseException:
         os.close(ours)

@@ -47,6 +47,15 @@ class Tuning:
 TUNING = Tuning()
 
 
+@dataclass(frozen=True)
+class Lying:
+    """Room that something takes as it is let go: a cylinder about the vertical, up to its top [m]."""
+
+    middle: Array
+    radius: float
+    top: float
+
+
 def draw_bin(base: Scenario, seed: int, count: int) -> Scenario:
     """Return a scenario with a bin drawn afresh: what lies in it, and all that the twin is not told.
 
@@ -66,7 +75,7 @@ def draw_bin(base: Scenario, seed: int, count: int) -> Scenario:
     scenario.seed = seed
     low, high = (np.array(corner) for corner in base.twin.learning.from_bin)
     scenario.world.objects = {}
-    lying: list[tuple[Array, float]] = []
+    lying: list[Lying] = []
     kinds = rng.permutation(np.resize(TUNING.kinds, max(count, len(TUNING.kinds))))[:count]
     for number, kind in enumerate(kinds):
         asset = Asset.load(resolve(f"objects/{kind}", base.packages))
@@ -94,7 +103,7 @@ def _object(kind: str, asset: Asset, place: tuple[Array, list[float]], rng: np.r
 
 
 def _place(
-    asset: Asset, low: Array, high: Array, lying: list[tuple[Array, float]], rng: np.random.Generator
+    asset: Asset, low: Array, high: Array, lying: list[Lying], rng: np.random.Generator
 ) -> tuple[Array, list[float]]:
     """Return where an object is let go, and how it is turned: on a side, as it comes to rest."""
     sides = ((0.0, 0.0), (np.pi / 2, 0.0), (0.0, np.pi / 2), (-np.pi / 2, 0.0))
@@ -108,12 +117,10 @@ def _place(
     reach = np.minimum(radius, 0.48 * (high - low)[:2])
     for _ in range(300):
         xy = rng.uniform(low[:2] + reach, high[:2] - reach)
-        apart = [float(np.linalg.norm(xy - other)) - r - radius for other, r in lying]
-        if not apart or min(apart) > TUNING.spacing:
-            height = low[2]
+        below = [one for one in lying if np.linalg.norm(xy - one.middle) < one.radius + radius + TUNING.spacing]
+        if not below:
             break
-    else:
-        height = low[2] + 0.12 * (1 + len(lying) // 3)
-    lying.append((xy, radius))
-    z = float(height + half[2] + TUNING.fall)
-    return np.array([*xy, z]), [float(roll), float(pitch), float(rng.uniform(-np.pi, np.pi))]
+    # Where there is no room beside the others it falls upon those that are below its last place.
+    lowest = max((one.top for one in below), default=float(low[2])) + TUNING.fall
+    lying.append(Lying(xy, radius, float(lowest + 2.0 * half[2])))
+    return np.array([*xy, lowest + half[2]]), [float(roll), float(pitch), float(rng.uniform(-np.pi, np.pi))]

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from twin_diagram.assets import Asset
 from twin_diagram.assets.building.from_mesh import AssetPlace
 from twin_diagram.assets.building.growth_file import free_name, write_partial
-from twin_diagram.errors import TwinError
+from twin_diagram.errors import AssetError, TwinError
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker
 
 
@@ -64,7 +64,17 @@ class GrownAssets:
             self._say(f"frame {number}: an unknown thing is {name} from now on, obj_id {self._numbers[name]}")
 
     def close(self) -> None:
-        """Put what was built into the library, and of what stays partial what was seen, and nothing else."""
+        """Put what was built into the library, and of what stays partial what was seen, and nothing else.
+
+        Raises:
+            AssetError: another command has put an asset of that name there meanwhile; nothing is written.
+        """
+        for name in self._built:
+            if (self._library / name).exists():
+                raise AssetError(
+                    f"--grow {self._library}: another command has put {name} there meanwhile; run again, or grow "
+                    "into a folder of its own"
+                )
         self._library.mkdir(parents=True, exist_ok=True)
         for name in self._built:
             hidden = self._library / f".{name}.{os.getpid()}"

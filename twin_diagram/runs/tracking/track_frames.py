@@ -46,6 +46,8 @@ REAL = CalibrationError(shift=0.005, turn=np.radians(0.5), focal=0.003, centre=1
 One whose noise is white is a renderer's, and exact."""
 NEAREST = 0.01
 """Nor is anything in its focus that is nearer [m]."""
+LEAST_SHOWN = 0.002
+"""Share of pixels with depth below which a frame shows neither table nor thing: cameras' first ones may be empty."""
 FOCALS = (0.1, 50.0)
 """Focal lengths over the image's size: views of 157° and of 1°."""
 
@@ -63,7 +65,7 @@ def track_frames(
 
     Args:
         library: folder of assets; corrupt ones are named and left out.
-        frames: BOP scene folder.
+        frames: BOP scene folder; its first frames may lack depth.
         out: folder that gets `poses.csv` and `objects.jsonl`.
         init: poses of the first frame's objects, in the layout of `poses.csv`; others are searched for.
         seed: of what is drawn; at present nothing is.
@@ -75,15 +77,15 @@ def track_frames(
         AssetError, FramesError: names file and value; nothing is written.
     """
     _check_told(out, grow, seed)
-    folder = FrameFolder(frames)
+    folder = FrameFolder(frames, masked=False)
     assets, numbers = _library(library, say, grow)
     told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
     tracker = ObjectTracker(assets, PERCEPTION, grows=grow is not None)
     grown = None if grow is None else GrownAssets(grow, tracker, assets, numbers, say)
-    rows: list[list[str]] = []
-    lines: list[str] = []
-    seen_by: dict[int, ViewCamera] = {}
+    rows, lines, seen_by = list[list[str]](), list[str](), dict[int, ViewCamera]()
+    zero = min(0.0, folder.times[0])  # to the tracker, what was before 0 was never
     base: TableFrame | None = None
+    first: Pinhole | None = None
     noise, doubt = DepthSigma(), CalibrationError()
     for index in range(len(folder)):
         frame = folder.read(index)
@@ -91,14 +93,14 @@ def track_frames(
         depth = _on_colours_grid(frame)
         camera = _pinhole(frame.colour, frame.colour.R_WC, frame.colour.p_WC, noise)
         if base is None:
-            noise = measured(frame.depth)
-            doubt = _doubt(folder, noise)
-            base = table_frame(depth, camera)
-            if not base.found:
-                say("note: no table in view; all that is seen counts as standing")
-            _start(tracker, told, base.camera(camera), frame.time - 1e-3)
+            first = first or camera
+            if np.count_nonzero(frame.depth) < LEAST_SHOWN * frame.depth.size:
+                lines.append(json.dumps({"frame": frame.number, "time": frame.time, "objects": []}))
+                continue
+            base, noise, doubt = _begun(folder, frame, depth, camera, say)
+            _start(tracker, told, base.camera(first), frame.time - zero - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
-        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time, grid, PERCEPTION, in_a_room=True))
+        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time - zero, grid, PERCEPTION, in_a_room=True))
         rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         seen_by |= {one.track: frame.colour for one in found if one.found}
         lines.append(json.dumps(_line(frame, found, base, doubt, seen_by)))
@@ -109,7 +111,19 @@ def track_frames(
     if grown is not None:
         grown.close()
     _write(out, rows, lines)
-    say(f"{out}: {len(rows)} poses in {len(lines)} frames")
+    say(f"{out}: {len(rows)} poses in {len(lines)} frames" + ("; none has depth" if base is None else ""))
+
+
+def _begun(
+    folder: FrameFolder, frame: RgbdFrame, depth: Any, camera: Pinhole, say: Callable[[str], None]
+) -> tuple[TableFrame, DepthSigma, CalibrationError]:
+    """Return what the first frame that has depth tells: the table, depth's noise, and how far off the camera may be."""
+    if frame.number != folder.numbers[0]:
+        say(f"note: tracking begins at frame {frame.number}: there is no depth before it")
+    noise, base = measured(frame.depth), table_frame(depth, camera)
+    if not base.found:
+        say("note: no table in view; all that is seen counts as standing")
+    return base, noise, _doubt(folder, noise)
 
 
 def _rgb_of(frame: RgbdFrame) -> npt.NDArray[np.uint8]:
@@ -251,7 +265,8 @@ def _row(
     R, t = R_TC.T @ one.R, R_TC.T @ (one.p - p_TC) * 1000.0
     assert one.asset is not None
     said = [" ".join(f"{x:.9g}" for x in values) for values in (R.ravel(), t)]
-    return ["0", str(frame.number), str(numbers[one.asset]), f"{one.probability:.6g}", *said, f"{frame.time:.9g}"]
+    time = f"{frame.time:.9f}".rstrip("0").rstrip(".")  # of a clock that counts from 1970, too
+    return ["0", str(frame.number), str(numbers[one.asset]), f"{one.probability:.6g}", *said, time]
 
 
 def _hypothesis(one: PoseHypothesis, base: TableFrame, probability: float) -> dict[str, Any]:

@@ -41,7 +41,7 @@ class ImageSender(LeafSystem):
         - depth_image
         - image_time
 
-    Sent `SEND_OFFSET` after each delivery, stamped with the capture time.
+    Sent `systems.Tuning.send_offset` after each delivery, stamped with the capture time.
     """
 
     def __init__(self, bus: DrakeLcmInterface, channel: str, camera: Camera) -> None:
@@ -66,8 +66,8 @@ class ImageSender(LeafSystem):
 class LcmArm(Diagram):
     """A simulated station turned into an arm's driver and a camera on a bus; it has only the ports of `truth.*`.
 
-    Status messages carry what the station measured at each period of the driver and go out `SEND_OFFSET` later; their
-    time stamps are of the sending, as a real driver's. Commands act from the driver's next period on.
+    Status messages carry what the station measured at each period of the driver and go out `Tuning.send_offset` later;
+    their time stamps are of the sending, as a real driver's. Commands act from the driver's next period on.
 
     Attributes:
         station: the simulated world.
@@ -76,7 +76,7 @@ class LcmArm(Diagram):
     station: SimStation
 
     def __init__(self, scenario: Scenario, bus: DrakeLcmInterface) -> None:
-        """Build the world of `scenario` and joins `bus`.
+        """Build the world of `scenario` and join `bus`.
 
         Raises:
             ScenarioError: as `SimStation`, or an unknown kind of arm.

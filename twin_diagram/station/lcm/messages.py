@@ -92,7 +92,10 @@ def _pixels(image: lcmt_image, dtype: type, channels: int) -> npt.NDArray[Any]:
     """Return (H, W, channels) of an image, without its rows' padding."""
     data = bytes(image.data)
     if image.compression_method == lcmt_image.COMPRESSION_METHOD_ZLIB:
-        data = zlib.decompress(data)
+        try:
+            data = zlib.decompress(data)
+        except zlib.error as error:
+            raise StationError(f"an image on the bus cannot be unpacked: {error}") from error
     elif image.compression_method != lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED:
         decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         if decoded is None or decoded.dtype != dtype:

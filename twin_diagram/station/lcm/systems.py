@@ -110,8 +110,8 @@ class CommandSender(LeafSystem):
         - torque_commanded
         - clock
 
-    Sent `SEND_OFFSET` after each period of the driver, with the driver's own time, which drivers check. Nothing is sent
-    before the first status message, nor while there is no command (unconnected, or a NaN in it).
+    Sent `Tuning.send_offset` after each period of the driver, with the driver's own time, which drivers check. Nothing
+    is sent before the first status message, nor while there is no command (unconnected, or a NaN in it).
     """
 
     def __init__(

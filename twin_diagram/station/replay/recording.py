@@ -217,6 +217,7 @@ class RecordingWriter:
             written_files.remove(self._folder, FILES, unlisted(self._folder))
             written_files.move(self._staging, self._folder, first=MANIFEST, last=FILES)
         except OSError as error:
+            self._full = True
             self.abort()
             self._end_full(error)
 

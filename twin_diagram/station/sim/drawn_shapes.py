@@ -145,7 +145,7 @@ def _textured(path: str) -> tuple[Any, Bytes] | None:
 
 def only_texture(library: Path) -> Path | None:
     """Return the file of the texture of a material library; None where it says more than a plain white texture."""
-    told = [line.split() for line in library.read_text(encoding="utf-8").splitlines() if line.split()]
+    told = [line.split() for line in library.read_text(encoding="utf-8", errors="replace").splitlines() if line.split()]
     plain = {"newmtl": 1, "Ka": 3, "Kd": 3, "Ks": 3, "illum": 1, "map_Kd": 1}
     if any(plain.get(key) != len(rest) for key, *rest in told) or sum(key == "newmtl" for key, *_ in told) != 1:
         return None

@@ -22,7 +22,7 @@ class Tuning:
     """Constants of this module, with their units and what set them."""
 
     bandwidth: float = 200.0
-    """Of the filter through which commands go [rad/s]: it lags a steady motion by 2 / BANDWIDTH = 10 ms."""
+    """Of the filter through which commands go [rad/s]: it lags a steady motion by 2 / bandwidth = 10 ms."""
 
     meeting: float = 0.002
     """Fingers told to be so near to where they meet are told to press, the nearer the more [m]: no jump of force."""

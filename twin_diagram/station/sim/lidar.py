@@ -11,7 +11,7 @@ from pydrake.geometry import Box, Capsule, Cylinder, Ellipsoid, Role, Shape, Sph
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues, LeafSystem
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import Lidar, LidarDefects, Scenario
@@ -142,7 +142,10 @@ def _parts(shape: Shape, corners: Array | None) -> list[tuple[Array, Array | Non
     if corners is None:
         return []
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    planes = np.unique(np.round(ConvexHull(corners - middle).equations, 9), axis=0)
+    try:
+        planes = np.unique(np.round(ConvexHull(corners - middle).equations, 9), axis=0)
+    except QhullError:  # flat, as a label is: nothing is behind it
+        return []
     return [(middle, None, planes, float(np.linalg.norm(corners - middle, axis=1).max()))]
 
 

@@ -135,13 +135,14 @@ class LinkSensorSystem(LeafSystem):
         if not 0.0 < sensor.rate < np.inf or not 0.0 <= sensor.latency < np.inf:
             raise ScenarioError(field, f"rate {sensor.rate} must be positive, latency {sensor.latency} not negative")
         last_link = plant.get_body(arm.arm.last_link).name()
+        links = [plant.get_body(k) for instance in arm.arm.instances for k in plant.GetBodyIndices(instance)]
         self._noise, self._bias = _checked(defects, sensor.kind, ports.of_sensor(sensor, last_link))
         self._missing = [tuple(span) for span in defects.missing]
         self._kind, self._rate, self._seed, self._place = sensor.kind, sensor.rate, plan.seed, place
-        body = sensor.body or last_link
-        if not plant.HasBodyNamed(body):
-            raise ScenarioError(f"{field}.body", f"the world's arm has no link {body!r}")
-        self._body = int(plant.GetBodyByName(body).index())
+        named = [int(link.index()) for link in links if link.name() == sensor.body]
+        if sensor.body and not named:
+            raise ScenarioError(f"{field}.body", f"the world's arm has no link {sensor.body!r}")
+        self._body = named[0] if sensor.body else int(arm.arm.last_link)
         X_BS = scenario_poses.pose(sensor.X_BS)
         self._R_BS, self._p_BS = X_BS.rotation().matrix(), X_BS.translation()
         self._gravity = plant.gravity_field().gravity_vector()
@@ -262,16 +263,18 @@ def _loads(plant: MultibodyPlant, arm: ArmPlant, plan: Scenario) -> list[Load]:
     """Return all bodies beyond the last arm joint, as the twin's description has them."""
     told = MultibodyPlant(0.0)
     try:
-        description.add_arm(told, plan.twin.arm, plan.packages)
+        placed = description.add_arm(told, plan.twin.arm, plan.packages)
     except ModelError as error:
         raise description.scenario_error("twin.arm", error) from error
     told.Finalize()
+    beyond = [told.get_body(index) for index in told.GetBodiesKinematicallyAffectedBy([placed.joint_indices[-1]])]
+    described = {body.name(): body for body in beyond}
     loads = []
     for index in plant.GetBodiesKinematicallyAffectedBy([arm.joints[-1].index()]):
         name = plant.get_body(index).name()
-        if not told.HasBodyNamed(name):
+        if name not in described:
             continue
-        inertia = told.GetBodyByName(name).default_spatial_inertia()
+        inertia = described[name].default_spatial_inertia()
         mass = inertia.get_mass()
         if np.isfinite(mass) and mass > 0.0:
             moment = inertia.CalcRotationalInertia().CopyToFullMatrix3()

@@ -74,7 +74,6 @@ class SimStation(Diagram):
         """
         super().__init__()
         builder = DiagramBuilder()
-        # The camera's checks come first: nothing heavy is built where they fail.
         world = build_world(builder, scenario)
         self.world = world
         plant, arm = world.plant, world.arm

@@ -17,9 +17,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from twin_diagram.errors import AssetError, ModelError, ScenarioError
+from twin_diagram.model.description.fixtures import weld_roots
 from twin_diagram.scenario import Scenario, WorldObject
 from twin_diagram.scenario.resources import resolve
-from twin_diagram.station.add_models import add_model, transform, weld_roots
+from twin_diagram.station.add_models import add_model, transform
 from twin_diagram.station.sim.arm_plant import ArmPlant, add_arm
 from twin_diagram.station.sim.floors import bound_floors
 from twin_diagram.station.sim.grip_contact import make_gripping, rub, touch_by_surfaces

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import Mesh, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
 from scipy.spatial import cKDTree
 
 from twin_diagram import scenario
@@ -17,7 +18,7 @@ from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.perception.calibration import KnownSurface
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
 from twin_diagram.signals.arrays import Array
-from twin_diagram.twin.arm_sensing.link_surface import link_surface, other_surfaces
+from twin_diagram.twin.arm_sensing.link_surface import other_parts, surface_of
 
 
 @dataclass(frozen=True)
@@ -102,17 +103,17 @@ class ArmParts:
         joints = [plant.get_joint(index) for index in placed.joint_indices]
         self._q = np.array([joint.position_start() for joint in joints], dtype=int)
         self._v = np.array([joint.velocity_start() for joint in joints], dtype=int)
-        fingers = {plant.get_joint(i).child_body().name() for i in placed.gripper_joint_indices}
-        root = plant.get_body(placed.base).name()
-        surfaces = other_surfaces(arm, root, packages, TUNING.spacing)
-        own = link_surface(arm, root, packages, TUNING.spacing) if self._seen(scene_graph, root) else None
-        if own is not None:
-            surfaces[root] = own
-        self.names = tuple(name for name in surfaces if name not in fingers and not self._has_mesh(scene_graph, name))
+        fingers = {int(plant.get_joint(i).child_body().index()) for i in placed.gripper_joint_indices}
+        root = plant.get_body(placed.base)
+        parts = [body for body in other_parts(plant, root) if int(body.index()) not in fingers]
+        parts += [root] if self._seen(scene_graph, root) else []
+        plain = [body for body in parts if not self._has_mesh(scene_graph, body)]
+        surfaces = [surface_of(scene_graph, plant, body, TUNING.spacing) for body in plain]
+        self._bodies = [body for body, (points, _) in zip(plain, surfaces, strict=True) if len(points)]
         """A link of each part."""
-        self._surfaces = [(cKDTree(surfaces[name][0]), *surfaces[name]) for name in self.names]
+        self._surfaces = [(cKDTree(points), points, normals) for points, normals in surfaces if len(points)]
         self._balls = []
-        for points, _ in (surfaces[name] for name in self.names):
+        for _, points, _ in self._surfaces:
             middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
             self._balls.append((middle, float(np.linalg.norm(points - middle, axis=1).max())))
 
@@ -126,7 +127,7 @@ class ArmParts:
         positions = self._plant.GetPositions(self._scratch)
         positions[self._q] = q
         self._plant.SetPositions(self._scratch, positions)
-        found = [self._plant.GetBodyByName(name).EvalPoseInWorld(self._scratch) for name in self.names]
+        found = [body.EvalPoseInWorld(self._scratch) for body in self._bodies]
         return [(X.rotation().matrix(), X.translation()) for X in found]
 
     def speeds(self, q: Array, v: Array) -> list[float]:
@@ -136,8 +137,8 @@ class ArmParts:
         poses = self.poses(q)
         self._plant.SetVelocities(self._scratch, velocities)
         result = []
-        for name, (R, _), (middle, _) in zip(self.names, poses, self._balls, strict=True):
-            V = self._plant.GetBodyByName(name).EvalSpatialVelocityInWorld(self._scratch)
+        for body, (R, _), (middle, _) in zip(self._bodies, poses, self._balls, strict=True):
+            V = body.EvalSpatialVelocityInWorld(self._scratch)
             result.append(float(np.linalg.norm(V.translational() + np.cross(V.rotational(), R @ middle))))
         return result
 
@@ -225,15 +226,15 @@ class ArmParts:
                 found.append(KnownSurface(pixels, depth, nearest, place, stride, frame, part + 1))
         return found
 
-    def _seen(self, scene_graph: SceneGraph, link: str) -> bool:
+    def _seen(self, scene_graph: SceneGraph, body: RigidBody) -> bool:
         """Return whether a link has a shape that can be seen."""
-        frame = self._plant.GetBodyFrameIdOrThrow(self._plant.GetBodyByName(link).index())
+        frame = self._plant.GetBodyFrameIdOrThrow(body.index())
         return bool(scene_graph.model_inspector().GetGeometries(frame, Role.kIllustration))
 
-    def _has_mesh(self, scene_graph: SceneGraph, link: str) -> bool:
+    def _has_mesh(self, scene_graph: SceneGraph, link: RigidBody) -> bool:
         """Return whether a part has a mesh, of which the hull alone is known."""
         inspector = scene_graph.model_inspector()
-        for body in self._plant.GetBodiesWeldedTo(self._plant.GetBodyByName(link)):
+        for body in self._plant.GetBodiesWeldedTo(link):
             frame = self._plant.GetBodyFrameIdOrThrow(body.index())
             shapes = (inspector.GetShape(g) for g in inspector.GetGeometries(frame, Role.kIllustration))
             if any(isinstance(shape, Mesh) for shape in shapes):

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraph, Shape, Sphere
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex
-from scipy.spatial import ConvexHull
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import add_arm
@@ -57,7 +57,8 @@ def link_surface(
     Raises:
         ModelError: there is no such link, or nothing to see of it.
     """
-    points, normals = _surface(*_loaded(arm, packages), link, spacing, arm.model)
+    scene_graph, plant = _loaded(arm, packages)
+    points, normals = surface_of(scene_graph, plant, _named(plant, link, arm.model), spacing)
     if not len(points):
         raise ModelError(f"{link!r} in {arm.model} has no shape to be seen by")
     return points, normals
@@ -78,18 +79,19 @@ def other_surfaces(
         ModelError: there is no such link.
     """
     scene_graph, plant = _loaded(arm, packages)
-    if not plant.HasBodyNamed(link):
-        raise ModelError(f"no link {link!r} in {arm.model}")
-    done = {body.name() for body in plant.GetBodiesWeldedTo(plant.GetBodyByName(link))}
-    found = {}
+    parts = other_parts(plant, _named(plant, link, arm.model))
+    surfaces = {body.name(): surface_of(scene_graph, plant, body, spacing) for body in parts}
+    return {name: surface for name, surface in surfaces.items() if len(surface[0])}
+
+
+def other_parts(plant: MultibodyPlant, body: RigidBody) -> list[RigidBody]:
+    """Return a body of each rigid part of a plant, in their order, but for that of one body and the world."""
+    done = {int(other.index()) for other in plant.GetBodiesWeldedTo(body)}
+    found: list[RigidBody] = []
     for index in range(1, plant.num_bodies()):  # 0 is the world
-        body = plant.get_body(BodyIndex(index))
-        if body.name() in done:
-            continue
-        done |= {other.name() for other in plant.GetBodiesWeldedTo(body)}
-        surface = _surface(scene_graph, plant, body.name(), spacing, arm.model)
-        if len(surface[0]):
-            found[body.name()] = surface
+        if index not in done:
+            found.append(plant.get_body(BodyIndex(index)))
+            done |= {int(other.index()) for other in plant.GetBodiesWeldedTo(found[-1])}
     return found
 
 
@@ -101,14 +103,31 @@ def _loaded(arm: ArmModel, packages: Mapping[str, str | Path] | None) -> tuple[S
     return scene_graph, plant
 
 
-def _surface(scene_graph: SceneGraph, plant: MultibodyPlant, link: str, spacing: float, model: str) -> Points:
-    if not plant.HasBodyNamed(link):
-        raise ModelError(f"no link {link!r} in {model}")
+def _named(plant: MultibodyPlant, link: str, model: str) -> RigidBody:
+    """Return the link of that name; raises ModelError where there is none, or several."""
+    bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
+    found = [body for body in bodies if body.name() == link]
+    if len(found) != 1:
+        raise ModelError(
+            f"{len(found)} links are called {link!r} in {model}" if found else f"no link {link!r} in {model}"
+        )
+    return found[0]
+
+
+def surface_of(scene_graph: SceneGraph, plant: MultibodyPlant, body: RigidBody, spacing: float) -> Points:
+    """Return what can be seen of a body of a finalized plant and of all that is welded to it, in the body's frame.
+
+    Args:
+        scene_graph: with the plant's shapes.
+        plant: finalized.
+        body: one of it.
+        spacing: of the points [m].
+    """
     context, inspector = plant.CreateDefaultContext(), scene_graph.model_inspector()
-    X_BW = plant.GetBodyByName(link).EvalPoseInWorld(context).inverse()
+    X_BW = body.EvalPoseInWorld(context).inverse()
     shapes = []
-    for body in plant.GetBodiesWeldedTo(plant.GetBodyByName(link)):
-        frame, X_BL = plant.GetBodyFrameIdOrThrow(body.index()), X_BW @ body.EvalPoseInWorld(context)
+    for each in plant.GetBodiesWeldedTo(body):
+        frame, X_BL = plant.GetBodyFrameIdOrThrow(each.index()), X_BW @ each.EvalPoseInWorld(context)
         for geometry in inspector.GetGeometries(frame, Role.kIllustration):
             X_BG = X_BL @ inspector.GetPoseInFrame(geometry)
             hull = inspector.GetConvexHull(geometry)
@@ -151,8 +170,8 @@ def shape_surface(shape: Shape, corners: Array | None, spacing: float, rng: np.r
         return _ball(np.full(3, shape.radius()), spacing, rng)
     if isinstance(shape, Ellipsoid):
         return _ball(np.array([shape.a(), shape.b(), shape.c()]), spacing, rng)
-    if corners is not None:
-        return _hull(corners, spacing, rng)
+    if (hull := _convex(corners)) is not None:
+        return _hull(hull, spacing, rng)
     return np.zeros((0, 3)), np.zeros((0, 3))
 
 
@@ -171,8 +190,8 @@ def inside(p: Array, shape: Shape, corners: Array | None) -> np.ndarray:
     if isinstance(shape, Ellipsoid):
         axes = np.array([shape.a(), shape.b(), shape.c()])
         return np.asarray(np.linalg.norm(p / axes, axis=1) < 1.0 - TUNING.margin_share)
-    if corners is not None and isinstance(shape, (Mesh, Convex)):
-        planes = ConvexHull(corners).equations
+    if isinstance(shape, (Mesh, Convex)) and (hull := _convex(corners)) is not None:
+        planes = hull.equations
         return np.asarray(np.all(p @ planes[:, :3].T + planes[:, 3] < -margin, axis=1))
     return np.zeros(len(p), dtype=bool)
 
@@ -219,9 +238,16 @@ def _ball(axes: Array, spacing: float, rng: np.random.Generator) -> Points:
     return on_sphere * axes, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def _hull(corners: Array, spacing: float, rng: np.random.Generator) -> Points:
-    hull = ConvexHull(corners)
-    a, b, c = (corners[hull.simplices[:, k]] for k in range(3))
+def _convex(corners: Array | None) -> ConvexHull | None:
+    """Return the hull of corners (C, 3); None of what is flat, as a label is: it has no inside, and hides nothing."""
+    try:
+        return None if corners is None else ConvexHull(corners)
+    except QhullError:
+        return None
+
+
+def _hull(hull: ConvexHull, spacing: float, rng: np.random.Generator) -> Points:
+    a, b, c = (hull.points[hull.simplices[:, k]] for k in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     which = rng.choice(len(area), size=_count(float(area.sum()), spacing), p=area / area.sum())
     s, t = rng.uniform(size=(2, len(which), 1))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Multiplexer, VectorLogSink
 
 from twin_diagram.errors import LogError
@@ -34,7 +34,7 @@ class Tape:
     def __init__(
         self,
         builder: DiagramBuilder,
-        station: Diagram,
+        station: System,
         commanded: OutputPort,
         joints: tuple[str, ...],
         *,

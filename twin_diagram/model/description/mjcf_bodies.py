@@ -1,0 +1,51 @@
+"""Tells an MJCF's bodies as Drake reads them: one joint each, and no `<frame>`.
+
+Of several joints of a body Drake puts the last one, not the first, where the body stands, and it passes over frames
+with all that is in them. So each joint but the last gets a body of its own around the body, and a frame becomes a body
+without a joint, which is the same.
+"""
+
+from __future__ import annotations
+
+from xml.etree.ElementTree import Element
+
+from twin_diagram.errors import ModelError
+
+_OUTSIDE = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass")
+"""Attributes of a body that go to the outermost of those around it: where it stands, and what holds for its joints."""
+
+
+def is_plain(root: Element) -> bool:
+    """Return whether a file holds none of these."""
+    return root.find(".//frame") is None and all(len(body.findall("joint")) < 2 for body in root.iter("body"))
+
+
+def make_plain(root: Element) -> None:
+    """Put an MJCF's bodies and frames right.
+
+    Raises:
+        ModelError: a frame holds a joint or the mass of the body around it.
+    """
+    for number, frame in enumerate(list(root.iter("frame"))):
+        name = frame.get("name", "frame")
+        if any(frame.find(tag) is not None for tag in ("joint", "freejoint", "inertial")):
+            raise ModelError(f"{name!r}: a joint or a mass within a frame is not read; put it into its body")
+        frame.tag = "body"
+        frame.set("name", f"{name}_{number}")
+    for parent in list(root.iter()):
+        for place, child in enumerate(parent):
+            if child.tag == "body":
+                parent[place] = _one_joint_each(child)
+
+
+def _one_joint_each(body: Element) -> Element:
+    """Return the outermost of the bodies that stand for one."""
+    outer = body
+    for number, joint in enumerate(reversed(body.findall("joint")[:-1])):
+        body.remove(joint)
+        around = Element("body", {"name": f"{body.get('name', 'body')}_around_{number}"})
+        around.extend([joint, outer])
+        outer = around
+    if outer is not body:
+        outer.attrib |= {key: body.attrib.pop(key) for key in _OUTSIDE if key in body.attrib}
+    return outer
