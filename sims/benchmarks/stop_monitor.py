@@ -5,7 +5,7 @@
 
 Each seed draws a table, a speed below 0.1 m/s for what creeps, and one of four planners in turn: one that drives into
 things, one that freezes at speed, one that sends no numbers, one that jumps. A contact counts where the arm, not the
-thing, was the one that came: it moved within the last 0.1 s. `stood`: the thing came to an arm that stood.
+thing, was the one that came: see `braking_bench.counting.ArmCame`. `stood`: the thing came to an arm that stood.
 Then ordinary runs of the twin's own planner from goal to goal among the same things: every brake there is a false one.
 Poses are the true ones with noise, by 15 images a second, 50 ms late; contact is Drake's. `--bare`: without a monitor.
 Writes `OUT/trials.jsonl` and goes on where it stopped. Seeds below 100000 are for training.
@@ -28,7 +28,7 @@ SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 from braking_bench import worlds  # noqa: E402
-from braking_bench.counting import wilson  # noqa: E402
+from braking_bench.counting import ArmCame, wilson  # noqa: E402
 from braking_bench.rogues import KINDS  # noqa: E402
 from braking_bench.told_perception import ToldPerception  # noqa: E402
 
@@ -48,10 +48,6 @@ LOOK = 0.005
 """Between two looks at contacts [s]."""
 NEAR = 0.03
 """Distances beyond this are not told apart [m]."""
-STANDING = 0.02
-"""The arm counts as standing below this [rad/s] …"""
-STOOD = 0.1
-"""… for this long [s]."""
 
 
 def rogue_run(kind: str, seed: int, bare: bool) -> dict[str, Any]:
@@ -95,15 +91,17 @@ def watched(scenario: Scenario, seed: int, bare: bool, **own: Any) -> dict[str, 
     context = simulator.get_mutable_context()
     station, twin = (each.GetMyContextFromRoot(context) for each in (loop.station, loop.twin.diagram))
     true, before = TrueClearance(loop.station), timing.snapshot()
-    touched, stood, nearest, moved, brakes = NOT_YET, NOT_YET, np.inf, 0.0, []
+    touched, stood, nearest, brakes = NOT_YET, NOT_YET, np.inf, []
     n, begin, started = len(loop.model.joints), time.process_time(), time.perf_counter()
+    to_follow = loop.station.GetInputPort(ports.POSITION_COMMANDED)
+    came = ArmCame(LOOK, to_follow.Eval(station))
     for k in range(1, round(scenario.duration / LOOK) + 1):
         simulator.AdvanceTo(k * LOOK)
         distance, contacts = true.evaluate(station, NEAR)
         v = np.asarray(loop.station.GetOutputPort(ports.ARM_STATE).Eval(station))[n:]
-        moved = k * LOOK if np.abs(v).max() > STANDING else moved
+        itself = came.look(k * LOOK, contacts > 0, v, to_follow.Eval(station))
         nearest = min(nearest, distance)
-        if contacts and k * LOOK - moved < STOOD:
+        if contacts and itself:
             touched = k * LOOK if touched == NOT_YET else touched
         elif contacts:
             stood = k * LOOK if stood == NOT_YET else stood

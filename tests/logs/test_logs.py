@@ -149,7 +149,12 @@ BAD_TEXT = {
     r"line 6 has 0 cell\(s\)": csv().replace("0.04,0.4,1.0", ""),
     "column 'time' is there 2 times": csv().replace("position_measured.a", "time"),
     "semicolons": csv().replace(",", ";"),
+    "separated by semicolons": csv()
+    .replace(",", ";")
+    .replace(".", ",")
+    .replace("position_measured,", "position_measured."),
     "separated by tabs": csv().replace(",", "\t"),
+    "its first line must name the columns; it is '# my log'": "# my log\n" + csv(),
     "has torque_measured.b but no position_measured.b": csv(**{"torque_measured.b": ONES}),
     "has torque_measured of other joints, but no torque_measured.b": csv(
         **{"position_measured.b": ONES, "torque_commanded.b": ONES, "torque_commanded.a": ONES}

@@ -102,13 +102,14 @@ def test_what_is_not_told_is_as_usual(monkeypatch: pytest.MonkeyPatch) -> None:
 class Shape:
     """Stands for the robot's shapes: near is what lies left of the first joint's angle."""
 
-    joint_count = 2
+    joint_count, finger_count = 2, 1
 
     def __init__(self, *given: Any) -> None:
         self.given = given
         self.asked: list[Any] = []
 
-    def near(self, points: Any, q: Any, margin: float) -> Any:
+    def near(self, points: Any, q: Any, margin: float, fingers: Any) -> Any:
+        self.fingers = fingers
         self.asked.append((points.copy(), np.array(q), margin))
         return np.zeros(len(points), dtype=bool)
 
@@ -146,3 +147,8 @@ def test_an_image_is_taken_apart_with_the_arm_as_it_was_then(monkeypatch: pytest
         for back, (points, q, margin) in zip((0.0, 0.5 / CAMERA.rate), system._robot.asked[-2:], strict=True):
             np.testing.assert_allclose(q, [1.0 - 10.0 * (0.75 + back - time), 2.0 + 20.0 * (0.75 + back - time)])
             assert points.shape == (1, 3) and margin == 0.07
+    assert system._robot.fingers is None
+    for told, fingers in (([0.03, 0.2], [0.03]), ([np.nan, 0.0], None)):
+        system.GetInputPort("gripper_state").FixValue(context, told)
+        system.get_output_port().Eval(context)
+        assert system._robot.fingers == fingers, "where they are, or half open"

@@ -33,6 +33,17 @@ def test_a_signal_stops_and_the_handlers_are_given_back(number: int, status: int
     stopping.check()  # nothing of it is left
 
 
+@pytest.mark.parametrize("made", [ImportError("initialization failed"), SystemError("a result with an exception set")])
+def test_a_stop_that_a_module_in_c_makes_into_another_error_is_a_stop(made: Exception) -> None:
+    with pytest.raises(Stopped), stoppable():
+        try:
+            send(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise made from None
+    with pytest.raises(type(made)), stoppable():  # without a signal it stays what it is
+        raise made
+
+
 def test_a_step_is_taken_whole() -> None:
     taken = []
     with pytest.raises(Stopped), stoppable(), stopping.steps():

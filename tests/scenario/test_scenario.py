@@ -108,10 +108,16 @@ def test_nothing_at_all_is_a_scenario_of_defaults() -> None:
     assert parse_scenario({}) == Scenario()
 
 
-def test_an_empty_file_loads(tmp_path: Path) -> None:
+def test_an_empty_file_loads_and_is_told_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     file = tmp_path / "empty.yaml"
     file.write_text("# nothing\n")
     assert load_scenario(file) == Scenario()
+    assert "empty.yaml is empty" in caplog.text
+
+
+def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="is a folder"):
+        load_scenario(tmp_path)
 
 
 def test_defaults_written_out_load_again() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,17 +15,18 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from tests.small_loop import BLIND, estimates, same, small_scenario, watch
+from twin_diagram.perception import PerceptionSystem
 from twin_diagram.runs.run import summary_of
 from twin_diagram.runs.score import within
 from twin_diagram.runs.trial import TUNING as TRIAL
 from twin_diagram.runs.trial import Trial, run_trial, sample_times
-from twin_diagram.scenario import ArmModel, Fixture, Scenario
+from twin_diagram.scenario import ArmModel, Fixture, Scenario, load_scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
 from twin_diagram.station import ports
 from twin_diagram.station.lcm.fake_arm import LcmArm
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
-from twin_diagram.twin.twin import TwinDiagram
+from twin_diagram.twin.twin import TwinDiagram, make_twin
 
 DURATION = 2.4
 OBJECTS = ("cracker_box", "mover", "can", "mug")
@@ -354,3 +355,29 @@ def test_steps_command_the_gripper_of_any_station(arm: str, tool: str, station: 
     measured = loop.station.GetOutputPort(ports.GRIPPER_MEASURED).Eval(station_context)
     np.testing.assert_allclose(measured[:2], fingers, atol=2e-3)
     assert np.abs(fingers).sum() == pytest.approx({"panda_tcp": 0.08, "wsg_tcp": 0.11}[tool])
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.02])
+def test_perception_is_told_where_the_fingers_are(latency: float) -> None:
+    """Those of a wide hand, taken to be half open, passed for two things beside what it was to take."""
+    plan = load_scenario("pick_and_place", [f"twin.perception.latency={latency}"])
+    for model in (plan.twin.arm, plan.world.arm):
+        model.model, model.tool_frame = "arms/iiwa7_wsg.urdf", "wsg_tcp"
+    plan.twin.home = [0.0, 0.45, 0.0, -1.75, 0.0, 0.95, 0.0]
+    twin = make_twin(plan.twin)
+    perception = cast(PerceptionSystem, twin.diagram.GetSubsystemByName("perception"))
+    assert perception.parting.robot.finger_count == 2
+    context = twin.diagram.CreateDefaultContext()
+    own = twin.diagram.GetSubsystemContext(perception, context)
+    port = perception.GetInputPort("gripper_state")
+    assert not port.HasValue(own)
+    wide = np.array([-0.05, 0.05, 0.0, 0.0])
+    twin.diagram.GetInputPort(ports.GRIPPER_MEASURED).FixValue(context, wide)
+    np.testing.assert_array_equal(port.Eval(own), wide)
+    q, robot = np.array(plan.twin.home), perception.parting.robot
+    tool = twin.model.tool_pose(q)
+    # A point on the left finger's pad where it is told to be: 5 cm off the middle, along the closing axis.
+    for side in (-1.0, 1.0):
+        pad = tool.multiply(np.array([0.0, side * 0.06, -0.01]))[None]
+        assert robot.near(pad, q, 0.01, wide[:2]).all()
+        assert not robot.near(pad, q, 0.01).any(), "half open they are 25 mm nearer"

@@ -19,6 +19,7 @@ from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed,
 from twin_diagram.gap.search import gear_proposals, smooth_fit, stiction_proposals
 from twin_diagram.gap.search.backlash_gaps import Knocks
 from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.borrowed_load import borrowing
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
 from twin_diagram.gap.search.greedy_search import Polish, climb, plainer, search, worth
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
@@ -61,6 +62,9 @@ class Tuning:
 
     uneven: float = 2.0
     """Standard errors by which a joint differs from the others."""
+
+    again: int = 2
+    """Searches at most with the transmitted torque of the one before."""
 
 
 TUNING = Tuning()
@@ -120,7 +124,7 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
     lap("search")
 
     say("searching again with the noise that is left")
-    terms, bench, fit = search_again(records, terms, bench, fit, ordinary, say)
+    terms, bench, fit = searched_again(records, terms, bench, fit, ordinary, say)
     lap("second search")
     verdict = conclude(records, terms, bench, fit)
     # Now that it is known what is noise: the first guess of it is too low where a log is short.
@@ -174,6 +178,25 @@ def second_bench(
     nuisances = [time_delay.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
     weights = weights * trusted(records, bench, fit)
     return terms, Bench(records.residual, noise, fresh, nuisances, weights, terms.torque_size)
+
+
+def searched_again(
+    records: Records, terms: Terms, bench: Bench, fit: HypothesisFit, ordinary: Array, say: Progress
+) -> tuple[Terms, Bench, HypothesisFit]:
+    """Search again until no gain stands on torque that only an earlier hypothesis had; arguments as of `search_again`.
+
+    The search after that begins without it.
+    """
+    for _ in range(TUNING.again):
+        terms, bench, fit = search_again(records, terms, bench, fit, ordinary, say)
+        named = {bench.candidates[k].name for k in fit.members}
+        no_load = {"", *(name for name in named if record_of(name).motor)}
+        transmitted = terms.reduce(given_load(records)) + contribution_of(records, bench, fit, without=no_load)
+        borrowed = borrowing(bench, fit, terms.reduce(terms.load), transmitted)
+        if not borrowed:
+            break
+        fit = bench.solve(fit.members - borrowed)
+    return terms, bench, fit
 
 
 def search_again(

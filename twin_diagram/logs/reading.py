@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import reprlib
 import zipfile
 from array import array
 from collections.abc import Callable, Mapping, Sequence
@@ -232,8 +233,10 @@ def read_columns(path: Path) -> dict[str, Array]:
     if not any(names):
         raise LogError(f"{path}: is empty; its first line must name the columns")
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
-        if len(names) == 1 and mark in head.strip():
+        if head.strip().count(mark) > head.count(","):
             raise LogError(f"{path}: columns are separated by {called}; a .csv log uses commas")
+    if len(names) == 1:
+        raise LogError(f"{path}: its first line must name the columns; it is {reprlib.repr(head.strip())}")
     for name in names:
         if name and names.count(name) > 1:
             raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")

@@ -17,6 +17,7 @@ from twin_diagram.model.description.add_arm import Arm, add_arm
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Forecast, load_scene
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.output_place import why_not
 from twin_diagram.signals.arrays import Array
 
 
@@ -83,6 +84,8 @@ def write_first_scenario(arm: str | Path, out: str | Path, packages: Mapping[str
         raise TwinError(f"--out {out}: exists already; name another file, or remove it yourself")
     if not out.parent.is_dir():
         raise TwinError(f"--out {out}: there is no folder {out.parent}")
+    if why := why_not(out, folder=False):
+        raise TwinError(f"--out {out}: {why}")
     found = look_at(arm, packages)
     atomic_file.write(out, text_of(str(_place(arm)), found, packages or {}))
     return found

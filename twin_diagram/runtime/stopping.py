@@ -66,6 +66,10 @@ def stoppable() -> Iterator[None]:
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield
+    except (ImportError, SystemError) as error:
+        if not _state.asked:
+            raise
+        raise Stopped(_state.asked) from error  # which a module in C that was being imported made into another error
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         _state.asked, _state.until = 0, 0.0

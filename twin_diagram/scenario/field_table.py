@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import difflib
 import inspect
 import re
 import sys
@@ -80,13 +81,18 @@ def rows_at(root: type, path: str) -> list[Row]:
     for k, name in enumerate(names):
         here_fields = {} if here is None else {row.name: row for row in rows(here)}
         if here is None or name not in here_fields:
-            there = (
-                f"it is one of {', '.join(here_fields)}" if here_fields else f"{names[k - 1]} has no fields of its own"
-            )
+            there = nearest(name, here_fields) if here_fields else f"{names[k - 1]} has no fields of its own"
             raise ScenarioError(".".join(names[: k + 1]), f"no such field; {there}")
         found = [here_fields[name]]
         here = next(sections(get_type_hints(here)[name]), None)
     return found if here is None else rows(here)
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return what may have been meant by a name that is none of those that are known, or these."""
+    known = list(known)
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"it is one of {', '.join(known)}"
 
 
 def sections(kind: Any) -> Iterator[type]:

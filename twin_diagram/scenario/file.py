@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import difflib
+import logging
 import os
 import re
 import reprlib
@@ -20,6 +20,7 @@ import yaml
 from twin_diagram.errors import ScenarioError, expect, expect_path
 from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.field_table import nearest
 from twin_diagram.scenario.resources import models_dir
 
 _brief = reprlib.Repr()
@@ -81,6 +82,7 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
         raise ScenarioError(str(file), f"cannot be read: {error.strerror}") from error
     data = _read(text, str(file))
     if data is None:
+        logging.getLogger("twin_diagram").warning("%s is empty: every field is at its default", file)
         data = {}
     if not isinstance(data, dict):
         raise ScenarioError(str(file), f"a scenario is a mapping of fields, this is a {type(data).__name__}")
@@ -108,6 +110,8 @@ def find_scenario(path: str | Path) -> Path:
         # Not Path.is_file, which raises for names that no file can have.
         if os.path.isfile(candidate):
             return candidate.resolve()
+    if os.path.isdir(given):
+        raise ScenarioError(str(path), "is a folder; a scenario is one YAML file")
     known = sorted(p.stem for p in (models_dir() / "scenarios").glob("*.yaml"))
     raise ScenarioError(str(path), f"no such scenario file; those that come along: {', '.join(known) or 'none'}")
 
@@ -245,7 +249,7 @@ def _check(value: Any, schema: Any, name: str) -> None:
         for key, sub in value.items():
             dotted = f"{name}.{_key(key)}" if name else _key(key)
             if key not in fields:
-                raise ScenarioError(dotted, f"unknown field{_nearest(str(key), fields)}")
+                raise ScenarioError(dotted, f"unknown field; {nearest(str(key), fields)}")
             _check(sub, fields[key], dotted)
     elif origin is list:
         if not isinstance(value, list):
@@ -298,11 +302,6 @@ def _filled(value: Any, schema: Any, default: Any) -> Any:
 def _key(key: Any) -> str:
     """Return a key as it stands in a dotted name."""
     return key if isinstance(key, str) and key and key.isprintable() else _shown(key)
-
-
-def _nearest(key: str, fields: Mapping[str, Any]) -> str:
-    near = difflib.get_close_matches(key, fields, n=1)
-    return f"; did you mean {near[0]!r}?" if near else f"; it is one of {', '.join(fields)}"
 
 
 def _anchored(scenario: Scenario, folder: Path) -> Scenario:

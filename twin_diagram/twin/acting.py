@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
@@ -11,6 +12,8 @@ from pydrake.systems.primitives import ConstantVectorSource
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.model.model import Model
+from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
+from twin_diagram.planning.tasks.place_goals import check_places
 from twin_diagram.planning.tasks.task_system import Fingers, TaskRunner
 from twin_diagram.scenario import poses
 from twin_diagram.scene.twin_scene import TwinScene
@@ -29,16 +32,22 @@ def goal_vector(task: scenario.Task) -> np.ndarray:
 
 
 def add_task(
-    builder: DiagramBuilder, twin: scenario.Twin, model: Model, library: Mapping[str, Asset], scene: TwinScene
+    builder: DiagramBuilder,
+    twin: scenario.Twin,
+    packages: Mapping[str, str | Path] | None,
+    model: Model,
+    library: Mapping[str, Asset],
+    scene: TwinScene,
 ) -> tuple[OutputPort, TaskRunner | None]:
     """Add what says where to go: return the port of the goal, and what runs the steps, where there are some.
 
     Raises:
-        ScenarioError: a step that this arm cannot do; it names the field.
+        ScenarioError: a step that this arm cannot do, or a place where nothing can stand; it names the field.
     """
     if not twin.task.steps:
         source = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
         return source.get_output_port(), None
+    check_places(twin.task, library, fixture_solids(twin.fixtures, packages))
     described = scene.default_positions[scene.gripper_position_index]
     fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described)
     runner = builder.AddNamedSystem("task_runner", TaskRunner(model, twin, library, fingers))
@@ -68,17 +77,16 @@ def export_acting(
     scene: TwinScene,
     updater: SceneGraphUpdater,
     runner: TaskRunner | None,
-    monitor: System | None,
 ) -> None:
-    """Show the goal, take in where the fingers are, and command them as the steps say, else to stay as described."""
+    """Show the goal, tell all that ask where the fingers are, and command them as the steps say, else as described."""
     builder.ExportOutput(goal, "goal")
     if not scene.gripper_position_index.size:
         return
     state = builder.ExportInput(updater.GetInputPort("gripper_state"), ports.GRIPPER_MEASURED)
-    if monitor is not None:
-        builder.ConnectInput(state, monitor.GetInputPort("gripper_state"))
+    for system in builder.GetSystems():
+        if system is not updater and system.HasInputPort("gripper_state"):
+            builder.ConnectInput(state, system.GetInputPort("gripper_state"))
     if runner is not None:
-        builder.ConnectInput(state, runner.GetInputPort("gripper_state"))
         builder.ExportOutput(runner.GetOutputPort("gripper_position_commanded"), ports.GRIPPER_COMMANDED)
         builder.ExportOutput(runner.GetOutputPort("gripper_force_limit"), ports.GRIPPER_FORCE_LIMIT)
         return

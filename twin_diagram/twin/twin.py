@@ -225,7 +225,7 @@ def make_twin(
     moves: System = mpc or controller  # type: ignore[assignment]  # one of them is there
     _check_controller(moves, len(model.joints), len(library), len(parameter_names), twin.slots)
     builder.AddNamedSystem("mpc" if mpc else "controller", moves)
-    goal, runner = add_task(builder, twin, model, library, scene)
+    goal, runner = add_task(builder, twin, packages, model, library, scene)
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
     monitor = named("twin", lambda: add_stop_monitor(builder, twin, model, library, packages))
     _take_measurements(builder, ekf, *(each for each in (drift, moves, health, runner, monitor) if each is not None))
@@ -240,7 +240,7 @@ def make_twin(
     named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
     connect_commands(builder, moves, monitor, ekf, updater, runner, len(model.joints))
-    export_acting(builder, goal, scene, updater, runner, monitor)
+    export_acting(builder, goal, scene, updater, runner)
     _export_beliefs(builder, ekf, drift, updater, moves, health)
     builder.ExportOutput(scene.query_output, "query_object")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None

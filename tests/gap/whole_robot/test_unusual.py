@@ -13,6 +13,7 @@ from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.search.proposals import active
+from twin_diagram.gap.whole_robot import physical_fit
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
 from twin_diagram.gap.whole_robot.evident import evident
 from twin_diagram.gap.whole_robot.explain import begun, concluded, rather, settled, settled_beside
@@ -78,6 +79,8 @@ def test_a_gain_is_drawn_to_one_unless_it_is_no_tolerance(gain: float) -> None:
     told = candidate.parameters(solve(found)[found.place(0)], np.eye(1))["gain"][0]
     assert told == pytest.approx(gain, abs=0.01)
     assert np.all(candidate.spread > 0.1) == (gain < 0.9)
+    damping = solve(found)[10 * 6 + 4]
+    assert damping == pytest.approx(2.0, rel=0.03)  # at the joint, not as the motor's log has it
 
 
 def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> None:
@@ -99,6 +102,14 @@ def test_a_tilt_is_evident_beside_everything_usual_and_gains_that_are_off_are_no
     assert rise_beside_the_usual(found, z, found.sums.further[0]) > 100.0
     calm = problem(GAINS)
     assert not evident(calm, solve(calm))[0].sums.further
+
+
+def test_what_is_only_nearer_to_its_best_fit_makes_nothing_likelier(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tilt of nothing was evident where the fit without it had not come to its end."""
+    start = problem(PAYLOAD, GAINS)
+    tilt = next(c for c in offered(terms_of(start.sums, ARM)) if c.name == "gravity_tilt")
+    monkeypatch.setattr(physical_fit, "TUNING", replace(physical_fit.TUNING, rounds=1))
+    assert rise_beside_the_usual(start, start.mean, tilt) < 1.0
 
 
 def test_another_way_to_explain_an_arm_must_hold_what_is_evident_and_be_better() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +13,7 @@ import pytest
 from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.perception.registration import naming_evidence
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming import NAMING_SIZE, TUNING, Naming
@@ -65,6 +68,35 @@ def test_a_grey_box_is_told_by_its_shape_and_a_stretched_one_is_another_in_any_c
     assert told[False, False].probability > 0.95
     assert told[True, True].probability < 0.1 and told[True, False].probability < 0.5
     assert is_another(told[True, True]) or told[True, True].odds < -1.0
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_what_shape_denies_where_colours_speak_is_settled_and_asked_again(
+    box: Known, monkeypatch: pytest.MonkeyPatch, grey: bool
+) -> None:
+    """A search was 5 mm off along what depth leaves open, and shape tells of another size there."""
+    thing = standing(box, np.ones(3))
+    view = seen(thing, grey)
+    one = at(box, thing, view)
+    aside = replace(one, p=one.p + [0.0, 0.003, 0.004])
+    asked: list[RegisteredPose] = []
+
+    def told(known: Known, view: View, found: RegisteredPose) -> Naming:
+        asked.append(found)
+        return Naming(-4.0, 1) if found is aside else naming(known, view, found)
+
+    def settled(model: ModelCloud, frame: Frame, candidates: list[RegisteredPose], points_W: Array, params: Any) -> Any:
+        assert candidates == [aside] and 100 <= len(points_W) < 300
+        return SimpleNamespace(registration=one)
+
+    monkeypatch.setattr(naming_evidence, "naming", told)
+    monkeypatch.setattr(naming_evidence, "settle", settled)
+    found = naming_evidence.with_name(box, view, aside)
+    assert found.named is not None and not found.by_shape
+    if grey:
+        assert asked == [aside] and found.named == Naming(-4.0, 1), "its colours say nothing: shape has the word"
+    else:
+        assert asked == [aside, one] and found.named.probability > 0.95 and found.p is one.p
 
 
 def test_a_grey_box_is_found_by_its_shape_turned_as_may_be_and_a_stretched_one_is_not(box: Known) -> None:

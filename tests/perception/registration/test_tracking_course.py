@@ -276,7 +276,7 @@ def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(tracking, "recognise", recognise)
     told = [Naming(4.0, 1)]
-    monkeypatch.setattr(tracking, "naming", lambda *_: told[0])
+    monkeypatch.setattr(tracking, "with_name", lambda _, __, one: replace(one, named=told[0], by_shape=False))
     monkeypatch.setattr(tracking, "search_by_shape", lambda *_: {})
     monkeypatch.setattr(tracking, "unexplained_by", lambda *_: np.ones(3, dtype=bool))
     image = Image(monkeypatch)

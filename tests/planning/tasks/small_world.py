@@ -51,17 +51,19 @@ class SmallWorld:
     state: TaskState = field(default_factory=TaskState)
     phases: list[Phase] = field(default_factory=list)
     in_hand: Array | None = None
+    others: tuple[Array, ...] = ()  # where the library's other objects stand
 
     def tick(self) -> TaskState:
         widest = 0.08
         shown = self.X_WO if self.seen_at is None else self.seen_at
         measured = PoseMeasurement(1.0, self.now - self.late, shown, 1e-6 * np.eye(6))
         track = Track(self.status, self.now, self.X_WO, np.zeros(6), COVARIANCE)
+        beside = [Track(ObjectStatus.TRACKED, self.now, X, np.zeros(6), COVARIANCE) for X in self.others]
         before = self.opening
         self.opening = self._squeezed(widest)
         seen = StepView(
-            self.now, self.X_WT, self.speed, [track], [measured], self.opening, abs(self.opening - before) / TICK,
-            widest, self.reach if self.state.goal.any() else NEVER,
+            self.now, self.X_WT, self.speed, [track, *beside], [measured] * len(self.library),
+            self.opening, abs(self.opening - before) / TICK, widest, self.reach if self.state.goal.any() else NEVER,
         )  # fmt: skip
         self.state = advance(self.state, seen, self.steps, self.library)
         if not self.phases or self.phases[-1] is not self.state.phase:

@@ -286,6 +286,31 @@ def test_an_object_that_is_seen_elsewhere_is_not_in_the_hand() -> None:
     assert state.hand.held == NOTHING
 
 
+@pytest.mark.parametrize(("gap", "rise"), [(0.001, 0.15), (0.5 * TUNING.beside, 0.15), (2.0 * TUNING.beside, 0.0)])
+def test_what_stands_against_another_is_lifted_over_it(gap: float, rise: float) -> None:
+    reach = float(np.linalg.norm(BOX[:, :2], axis=1).max())
+    tall = BOX * np.array([1.0, 1.0, 0.5 * rise / np.abs(BOX[:, 2]).max() if rise else 1.0])
+    world = SmallWorld(PICK_AND_PLACE, library=(Takeable((BOX,), False), Takeable((tall,), False)))
+    low = float(world.X_WO[6] + BOX[:, 2].min())
+    world.others = (pose(world.X_WO[4], world.X_WO[5] + 2.0 * reach + gap, low - float(tall[:, 2].min())),)
+    state = world.until(Phase.LIFT)
+    wanted = rise + TUNING.over if rise else TUNING.raised
+    assert state.goal[6] - state.grasp[6] == pytest.approx(wanted)
+    assert world.run().outcome is TaskOutcome.DONE
+
+
+@pytest.mark.parametrize(("fallen", "outcome"), [(0.02, TaskOutcome.DONE), (0.1, TaskOutcome.FAILED)])
+def test_what_falls_once_it_was_let_go_is_not_said_to_stand_there(fallen: float, outcome: TaskOutcome) -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.OPEN)
+    world.tick()
+    world.X_WO = world.X_WO + np.array([0, 0, 0, 0, 0, 0, -fallen])
+    state = world.run()
+    assert state.outcome is outcome
+    assert state.why is (Why.NONE if outcome is TaskOutcome.DONE else Why.NOT_WHERE_PUT)
+    assert state.hand.held == state.hand.touched == NOTHING, "an obstacle again, wherever it lies"
+
+
 @pytest.mark.parametrize(("off", "turn", "told"), [(0.003, 0.0, 0), (0.012, 0.0, 1), (0.004, 0.3, 1)])
 def test_what_slips_in_the_hand_is_told_once_and_put_where_it_belongs(off: float, turn: float, told: int) -> None:
     world = SmallWorld(PICK_AND_PLACE)

@@ -140,6 +140,14 @@ def test_what_the_world_says_is_not_read(recorded) -> None:
     assert run(plan) == live
 
 
+def test_a_recording_of_a_replay_is_the_same_again(recorded, tmp_path: Path) -> None:
+    folder, live = recorded
+    plan = replaying(folder)
+    plan.world.camera_defects.depth_unit = 0.3
+    assert run(plan, record=tmp_path / "again") == live
+    assert run(replaying(tmp_path / "again")) == live
+
+
 def test_recording_is_a_readable_log_with_pictures(recorded) -> None:
     folder, _ = recorded
     log = read_log(folder / "log.csv")
@@ -219,7 +227,7 @@ def test_a_bare_log_is_played_from_its_first_sample(tmp_path: Path) -> None:
     assert np.allclose(read(ports.VELOCITY_ESTIMATED, 0.0225), (log.position[5] - log.position[4]) / 0.004, rtol=1e-6)
     assert abs(read(ports.MEASUREMENT_TIME, 99.0)[0] - 49 * 0.004) < 1e-9
     assert read("camera.image_time", 99.0)[0] < 0
-    assert np.array_equal(read(ports.GRIPPER_MEASURED, 0.1), np.zeros(4))
+    assert np.isnan(read(ports.GRIPPER_MEASURED, 0.1)).all(), "the log does not tell"
 
 
 def test_an_encoder_of_one_turn_costs_no_jump(tmp_path: Path) -> None:

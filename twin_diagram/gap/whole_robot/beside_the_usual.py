@@ -55,6 +55,7 @@ def rise_beside_the_usual(problem: RobotProblem, z: Array, candidate: Candidate)
     beside = replace(without, sums=problem.sums.with_further([*without.sums.further, candidate]))
     before = solve(without, None, np.concatenate([z[: 14 * problem.n], np.zeros(_coefficients(without))]))
     after = solve(beside, None, np.concatenate([before, np.zeros(candidate.size)]))
+    before = solve(without, None, after[: -candidate.size])  # or what is only nearer its best fit would be a rise
     noise = with_noise(beside, after)
     share = np.maximum(noise.share, problem.share)
     costs = []

@@ -6,16 +6,18 @@ tell: a grey can, a box a tenth longer. See `shape_evidence`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin_diagram.perception.registration.colour_margin import turn_speaks
 from twin_diagram.perception.registration.naming import TUNING as NAMING
 from twin_diagram.perception.registration.naming import Naming
-from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.registration.registration import RegisteredPose, claimed
+from twin_diagram.perception.registration.settling import settle
 from twin_diagram.perception.registration.shape_evidence import ShapeEvidence, shape_evidence
 from twin_diagram.perception.registration.view import Known, View
+from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.registration.where_expected import floats
 
 
@@ -59,8 +61,31 @@ class Tuning:
     shown: float = 0.5
     """What is seen to a smaller share is asked for its name again."""
 
+    thin: int = 150
+    """Points of a thing that weigh its poses."""
+
 
 TUNING = Tuning()
+
+
+def with_name(known: Known, view: View, one: RegisteredPose) -> RegisteredPose:
+    """Return a find with its name, settled where its shape denies that it is the object.
+
+    Of what is half hidden, a search may be half a centimetre off along what depth leaves open: shape then tells of
+    another size.
+
+    Args:
+        known: what it was found as.
+        view: the image.
+        one: the find.
+    """
+    told = naming(known, view, one)
+    if is_another(told) and told_by_colours(known, view, one) > 0.0:
+        own = claimed(known.model, view.segments, one.R, one.p, EXPECTED.owned)
+        points = view.segments.points_W[own[:: max(1, len(own) // TUNING.thin)]]
+        one = settle(known.model, view.frame, [one], points, view.params).registration
+        told = naming(known, view, one)
+    return replace(one, named=told, by_shape=False)
 
 
 def naming(known: Known, view: View, one: RegisteredPose) -> Naming:

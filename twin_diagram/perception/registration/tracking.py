@@ -15,7 +15,7 @@ from twin_diagram.perception.registration.global_search import judged, nearby
 from twin_diagram.perception.registration.instances import taken
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming_evidence import TUNING as NAMING
-from twin_diagram.perception.registration.naming_evidence import name_believed, naming
+from twin_diagram.perception.registration.naming_evidence import name_believed, naming, with_name
 from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.shape_search import coloured_after_all, search_by_shape
@@ -227,7 +227,7 @@ def search_for(
         _rivals(library, wanted),
     )
     convincing = {
-        k: _named(library[k], view, one.registration)
+        k: with_name(library[k], view, one.registration)
         for k, one in found.items()
         if _got_to(library[k], slots[k], view, one.registration)
     }
@@ -247,10 +247,6 @@ def _got_to(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
     """Return whether a lost object can be where a search found it, and is: it may be hidden where it was, if not."""
     reached = aloft(slot, view.segments.time).reaches(one) or taken(known.model, slot, view.segments)
     return reached and _convincing(known, slot, view, one)
-
-
-def _named(known: Known, view: View, one: RegisteredPose) -> RegisteredPose:
-    return replace(one, named=naming(known, view, one), by_shape=False)
 
 
 def _asked(
@@ -377,7 +373,7 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
         return None
     if not _convincing(known, slot, view, found.registration):
         return None
-    return unmistaken(known, view, replace(_named(known, view, found.registration), by_shape=slot.by_shape))
+    return unmistaken(known, view, replace(with_name(known, view, found.registration), by_shape=slot.by_shape))
 
 
 def register_around(known: Known, slot: Slot, view: View, free: Mask) -> RegisteredPose | None:

@@ -93,6 +93,11 @@ class RobotShape:
         """Number of the arm's joints."""
         return len(self._position_index)
 
+    @property
+    def finger_count(self) -> int:
+        """Number of the gripper's joints."""
+        return len(self._finger_index)
+
     def near(self, points_W: Array, q: Array, margin: float, fingers: Array | None = None) -> npt.NDArray[np.bool_]:
         """Return which of the points (N, 3) lie within `margin` [m] of the robot at joint angles `q` (n,).
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import cast
@@ -55,6 +55,7 @@ class DeliveredImage:
         q: (n,) joint angles at the capture [rad].
         back: (n,) how far they turn in half a frame [rad].
         errors: (10,) of the calibration, see `signals.calibration_error`.
+        fingers: (g,) where they are [m]; empty: not told.
     """
 
     time: float
@@ -63,6 +64,7 @@ class DeliveredImage:
     q: Array
     back: Array
     errors: Array
+    fingers: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class ImageParting:
@@ -106,7 +108,7 @@ class ImageParting:
             picture.time,
             grid,
             self._params,
-            lambda points, margin: self._near(points, margin, picture.q, picture.back),
+            lambda points, margin: self._near(points, margin, picture),
         )
 
     def _corrected_grid(self, errors: bytes) -> tuple[Grid, float]:
@@ -114,12 +116,13 @@ class ImageParting:
         camera, factor = corrected(self._alignment.camera, np.frombuffer(errors))
         return Grid.of(camera, self._params.stride), factor
 
-    def _near(self, points: Array, margin: float, q: Array, back: Array) -> npt.NDArray[np.bool_]:
-        """Return which points (N, 3) are within a margin [m] of the robot at q (n,), or before it moved by `back`."""
-        near = self.robot.near(points, q, margin)
+    def _near(self, points: Array, margin: float, picture: DeliveredImage) -> npt.NDArray[np.bool_]:
+        """Return which points (N, 3) are within a margin [m] of a picture's robot, or of where it was `back` before."""
+        q, back, fingers = picture.q, picture.back, picture.fingers if picture.fingers.size else None
+        near = self.robot.near(points, q, margin, fingers)
         if np.abs(back).max(initial=0.0) > TUNING.still:
             others = np.flatnonzero(~near)
-            near[others] = self.robot.near(points[others], q - back, margin)
+            near[others] = self.robot.near(points[others], q - back, margin, fingers)
         return near
 
 
@@ -135,6 +138,7 @@ class PerceptionSystem(LeafSystem):
         - image_time
         - arm_state
         - calibration (optional)
+        - gripper_state (optional)
         output_ports:
         - segments
         - picture (with a latency)
@@ -146,13 +150,15 @@ class PerceptionSystem(LeafSystem):
         arm_state: (2n) x̂ = (q, v) now [rad, rad/s].
         calibration: (10 + 100) errors of the calibration, which are taken out; see `signals.calibration_error`.
             Not connected: the camera is as told.
+        gripper_state: (2g) positions of the fingers [m], then speeds [m/s]. Not connected: they are taken to be half
+            open, and those of a wide hand may pass for things.
         segments: (`Segments`) in W.
         picture: (`DeliveredImage`) of which they are, for whoever takes it apart elsewhere.
 
     Computed when asked for, and cached: no rate, no latency of its own. The image is older than x̂, so the robot is
     posed at q - v·(t - image_time); where it moves also where it was half a frame before, for depth may be late.
-    Where ``params.latency`` gives time to whoever looks at the segments, x̂ and calibration are those of 0.75 ms after
-    the image's delivery, kept as discrete state, and an image's segments stay the same until the next.
+    Where ``params.latency`` gives time to whoever looks at the segments, x̂, calibration and fingers are of 0.75 ms
+    after the image's delivery, kept as discrete state, and an image's segments stay the same until the next.
     """
 
     def __init__(
@@ -183,16 +189,19 @@ class PerceptionSystem(LeafSystem):
         self._time = self.DeclareVectorInputPort("image_time", 1)
         self._arm = self.DeclareVectorInputPort("arm_state", 2 * self._arm_joints)
         self._calibration = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
+        self._fingers = self.DeclareVectorInputPort("gripper_state", 2 * self._robot.finger_count)
         tickets = {self._rgb.ticket(), self._depth.ticket(), self._time.ticket()}
         self._kept: int | None = None
         if params.latency > 0.0:
-            index = self.DeclareDiscreteState(np.r_[NEVER, np.zeros(2 * self._arm_joints + SIZE)])
+            index = self.DeclareDiscreteState(
+                np.r_[NEVER, np.zeros(2 * self._arm_joints + SIZE + self._robot.finger_count)]
+            )
             self._kept = int(index)
             when = camera.latency + TUNING.after_delivery
             self.DeclarePeriodicDiscreteUpdateEvent(1.0 / camera.rate, when, self._keep)
             tickets |= {self.discrete_state_ticket(index)}
         else:
-            tickets |= {self._arm.ticket(), self._calibration.ticket(), self.time_ticket()}
+            tickets |= {port.ticket() for port in (self._arm, self._calibration, self._fingers)} | {self.time_ticket()}
         empty = self.parting.empty
         self.DeclareAbstractOutputPort("segments", lambda: AbstractValue.Make(empty), self._calc_segments, tickets)
         if self._kept is not None:
@@ -200,11 +209,14 @@ class PerceptionSystem(LeafSystem):
             self.DeclareAbstractOutputPort("picture", lambda: AbstractValue.Make(none), self._calc_picture, tickets)
 
     def _now(self, context: Context) -> Array:
-        """Return time, x̂ and errors of the calibration now: (1 + 2n + SIZE)."""
+        """Return time, x̂, errors of the calibration and fingers, NaN where not told, now: (1 + 2n + SIZE + g)."""
         errors = np.zeros(SIZE)
         if self._calibration.HasValue(context):
             errors = np.array(self._calibration.Eval(context))[:SIZE]
-        return np.concatenate([[context.get_time()], np.array(self._arm.Eval(context)), errors])
+        fingers = np.full(self._robot.finger_count, np.nan)
+        if self._fingers.HasValue(context):
+            fingers = np.array(self._fingers.Eval(context))[: len(fingers)]
+        return np.concatenate([[context.get_time()], np.array(self._arm.Eval(context)), errors, fingers])
 
     def _keep(self, context: Context, discrete: DiscreteValues) -> None:
         discrete.set_value(self._kept, self._now(context))
@@ -225,9 +237,10 @@ class PerceptionSystem(LeafSystem):
         depth = cast(ImageDepth32F, self._depth.Eval(context))
         n = self._arm_joints
         kept = self._now(context) if self._kept is None else np.array(context.get_discrete_state(self._kept).value())
-        time, state, errors = kept[0], kept[1 : 1 + 2 * n], kept[1 + 2 * n :]
+        time, state, errors, fingers = np.split(kept, [1, 1 + 2 * n, 1 + 2 * n + SIZE])
         q = state[:n] - state[n:] * (time - image_time)
-        return DeliveredImage(image_time, rgb.data, depth.data[..., 0], q, self._late * state[n:], errors)
+        told = fingers if np.isfinite(fingers).all() else np.zeros(0)
+        return DeliveredImage(image_time, rgb.data, depth.data[..., 0], q, self._late * state[n:], errors, told)
 
     @timed("Perception")
     def _calc_segments(self, context: Context, output: AbstractValue) -> None:

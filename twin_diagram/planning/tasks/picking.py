@@ -164,7 +164,7 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     hand = Hand(step.target, NOTHING, True, X_TO, covariance)
     state = replace(state, hand=hand, elsewhere=0, image=track.last_seen, past=no_past()).noting(Note.GRASPED, seen.now)
     state = replace(state, lies=closing_on(X_TO, doubt, seen))
-    return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, TUNING.raised])))
+    return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, _rise(seen, step, library)])))
 
 
 def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
@@ -172,5 +172,26 @@ def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeabl
     if state.hand.on_support and seen.X_WT[6] > state.grasp[6] + TUNING.clear:
         state = replace(state, hand=replace(state.hand, on_support=False))
     # Once it is up, where it goes sideways is no matter of this step.
-    up = seen.X_WT[6] > state.grasp[6] + TUNING.raised - TUNING.passing
+    up = seen.X_WT[6] > state.goal[6] - TUNING.passing
     return done(state, seen.now) if up else state
+
+
+def _rise(seen: StepView, step: Step, library: Sequence[Takeable]) -> float:
+    """Return how far to lift an object straight up [m]: over all that stands close beside it."""
+    own, low, _ = _standing(library[step.target], seen.tracks[step.target].pose)
+    rise = TUNING.raised
+    for k, track in enumerate(seen.tracks):
+        if k == step.target or track.status in (ObjectStatus.UNSEEN, ObjectStatus.GONE):
+            continue
+        other, _, high = _standing(library[k], track.pose)
+        if np.linalg.norm(own[:2] - other[:2]) < own[2] + other[2] + TUNING.beside:
+            rise = max(rise, high - low + TUNING.over)
+    return rise
+
+
+def _standing(thing: Takeable, X_WO: Array) -> tuple[Array, float, float]:
+    """Return middle and radius (3,) of the circle that holds a thing from above, its lowest and highest z [m]."""
+    points = np.concatenate(thing.pieces) @ rotations.matrix(X_WO[:4]).T + X_WO[4:]
+    middle = 0.5 * (points[:, :2].min(axis=0) + points[:, :2].max(axis=0))
+    radius = float(np.linalg.norm(points[:, :2] - middle, axis=1).max())
+    return np.array([*middle, radius]), float(points[:, 2].min()), float(points[:, 2].max())

@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.planning.tasks.picking import before_grasp
-from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, passed
-from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState
+from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed
+from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState, Why
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
+from twin_diagram.planning.tasks.watching_hand import put_down
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import Hand
@@ -65,19 +66,24 @@ def lower(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     state, there = arrived(state, seen, step)
     if not there:
         return state
-    state = replace(state, hand=Hand(touched=step.target), opened=1.0).noting(Note.RELEASED, seen.now)
+    state = replace(state, hand=Hand(touched=step.target), opened=1.0, image=seen.now, elsewhere=0)
+    state = state.noting(Note.RELEASED, seen.now)
     return state.entering(Phase.OPEN, seen.now, state.goal)
 
 
 def opened(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Wait until the fingers are open."""
+    state = put_down(state, seen, step)
     if seen.now - state.since < TUNING.closing or seen.opening < 0.9 * seen.widest:
         return state
     return state.entering(Phase.RETREAT, seen.now, before_grasp(state.grasp))
 
 
 def retreat(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
-    """Go back up; from there on the object is an obstacle again."""
+    """Go back up; from there on the object is an obstacle again, where it stands or where it has gone."""
+    state = put_down(state, seen, step)
     if seen.X_WT[6] < state.grasp[6] + TUNING.away:
         return state
+    if state.elsewhere >= TUNING.images:
+        return fail(replace(state, hand=Hand()), seen, Why.NOT_WHERE_PUT)
     return done(replace(state, hand=Hand()), seen.now)

@@ -19,7 +19,13 @@ class Tuning:
     """The tool comes to above a grasp by this much [m]: the fingers' depth and some room."""
 
     raised: float = 0.06
-    """What is held is lifted and lowered by this much [m]: the planner's clearance, and some room."""
+    """What is held is lifted and lowered by this much [m]: the planner's clearance, and some room …"""
+
+    beside: float = 0.02
+    """… and lifted over what stands nearer to it than this [m]: what the planner keeps of two unsure poses …"""
+
+    over: float = 0.03
+    """… by this much [m]: what the planner keeps, and some room."""
 
     astray: float = 0.14
     """A tool that is this far from the grasp that it goes down to goes some other way [m]: it set out from `above`, and
@@ -94,6 +100,10 @@ class Tuning:
 
     images: int = 4
     """… when so many images running say so."""
+
+    misplaced: float = 0.03
+    """What was let go and is seen so far from its place, in as many images, does not stand there [m]: thrice the usual
+    tolerance; what topples goes farther."""
 
     grip: float = 0.015
     """The point between the fingertips is inside what they hold, or so near it [m]: pads are 20 mm wide."""

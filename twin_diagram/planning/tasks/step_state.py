@@ -69,6 +69,7 @@ class Why(IntEnum):
     SEEN_ELSEWHERE = 8
     NO_WAY_DOWN = 9
     NO_WAY = 10
+    NOT_WHERE_PUT = 11
 
 
 SENTENCES: Final = {
@@ -82,6 +83,7 @@ SENTENCES: Final = {
     Why.DROPPED: "the fingers closed fully on what they held: it is lost",
     Why.SEEN_ELSEWHERE: "what was held is seen elsewhere: it is lost",
     Why.NO_WAY: "the hand found no way to this grasp",
+    Why.NOT_WHERE_PUT: "once let go it is seen elsewhere than where it was put: it fell, or rolled away",
     Why.NO_WAY_DOWN: "something is in the way from above it down to the grasp",
 }
 """Each of `Why`, for people."""

@@ -1,4 +1,4 @@
-"""Whether what is held is still in the hand, and where there: looked at in each image. Pure functions."""
+"""Whether what is held is still in the hand, and where there, and whether it stays where it was put. Pure functions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from twin_diagram.planning.tasks.in_hand import HeldImage, InHand, after_image, closed_on
 from twin_diagram.planning.tasks.slips import slipped
 from twin_diagram.planning.tasks.step_ends import TUNING
-from twin_diagram.planning.tasks.step_state import Note, TaskState, Why
+from twin_diagram.planning.tasks.step_state import Note, Step, TaskState, Why
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
 from twin_diagram.planning.tasks.tool_past import remembering, tool_at
 from twin_diagram.signals import rotations
@@ -45,11 +45,25 @@ def watched(state: TaskState, seen: StepView, held: Takeable) -> tuple[TaskState
         return state, Why.NONE
     state = _followed(replace(state, image=measurement.time), seen, measurement, held)
     off = float(np.linalg.norm(measurement.pose[4:] - compose(seen.X_WT, state.hand.X_TO)[4:]))
-    doubt = 3.0 * float(np.sqrt(max(0.0, np.linalg.eigvalsh(measurement.covariance[3:, 3:])[-1])))
     # The image is of a little while ago, when the hand was not yet where it is.
     late = seen.speed * (seen.now - measurement.time)
-    count = state.elsewhere + 1 if off > TUNING.elsewhere + doubt + late else 0
+    count = state.elsewhere + 1 if off > TUNING.elsewhere + _doubt(measurement) + late else 0
     return replace(state, elsewhere=count), Why.SEEN_ELSEWHERE if count >= TUNING.images else Why.NONE
+
+
+def put_down(state: TaskState, seen: StepView, step: Step) -> TaskState:
+    """Return the state with the newest image taken in of what was let go: how many in a row show it off its place."""
+    measurement = seen.measured[step.target]
+    if not (measurement.quality >= TUNING.fits and measurement.time > state.image):
+        return state
+    off = float(np.linalg.norm(measurement.pose[4:] - step.goal[4:]))
+    away = off > TUNING.misplaced + _doubt(measurement)
+    return replace(state, image=measurement.time, elsewhere=state.elsewhere + 1 if away else 0)
+
+
+def _doubt(measurement: PoseMeasurement) -> float:
+    """Return three standard deviations of where an image shows a thing, along the axis where they are greatest [m]."""
+    return 3.0 * float(np.sqrt(max(0.0, np.linalg.eigvalsh(measurement.covariance[3:, 3:])[-1])))
 
 
 def _followed(state: TaskState, seen: StepView, measurement: PoseMeasurement, held: Takeable) -> TaskState:

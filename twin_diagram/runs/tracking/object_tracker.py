@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.instances import TUNING as INSTANCES
 from twin_diagram.perception.registration.instances import Instance
+from twin_diagram.perception.registration.light import WHITE, common_tint, in_white, tint_on
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.settling import settle
@@ -136,6 +138,8 @@ class ObjectTracker:
         """Tracks of unknown things, by identity."""
         self.growing: dict[int, GrowingThing] = {}
         self._grows = grows
+        self._tint = WHITE
+        """By how much more red and blue than green the light has, as the objects found showed it."""
         self._last, self._seen_any = NEVER, False
         self._next = len(models)
 
@@ -193,11 +197,26 @@ class ObjectTracker:
         del self.growing[identity]
 
     def observe(self, segments: Segments) -> list[TrackedObject]:
-        """Return what is known of all objects after a frame; those never seen are left out."""
+        """Return what is known of all objects after a frame; those never seen are left out.
+
+        Where the first one tells of a coloured light, it is looked at anew without: things were taken for others in it.
+        """
+        if self._seen_any:
+            return self._observed(segments)
+        before = deepcopy({name: value for name, value in vars(self).items() if name != "_told"})
+        found = self._observed(segments)
+        if not self._tint.any():
+            return found
+        vars(self).update(before | {"_tint": self._tint})
+        return self._observed(segments)
+
+    def _observed(self, segments: Segments) -> list[TrackedObject]:
+        """Look at a frame, in white light as far as it is known."""
         if not self._seen_any:
             aside = TUNING.aside * segments.camera.width / 640
             self._beside = replace(self._beside, shift=ColourShift.told(aside))
             self._seen_any = True
+        segments = in_white(segments, self._tint)
         after = self._views.advance(self._slots, self._beside, segments, self._told)
         self._slots, self._beside = after.slots, after.beside
         rows = after.further.reshape(-1, FURTHER_MEASUREMENT_SIZE)
@@ -214,6 +233,9 @@ class ObjectTracker:
             if found is not None:
                 told, symmetric = found.told(measured), bool(self._axis(one)[2])
                 one.filter = object_update.update(one.filter, told, segments.time, self._settings, symmetric)
+        at = [(one, shown) for (one, _), shown in zip(pairs, settled, strict=True) if shown is not None]
+        tints = [tint_on(self._told.every[one.asset].model, frame, shown.R, shown.p) for one, shown in at]
+        self._tint = self._tint + common_tint([tint for tint in tints if tint is not None])
         if self._grows:
             self._grow(segments, after.things, pairs)
         individuals = [one for one, _ in pairs]

@@ -48,7 +48,8 @@ class LcmArmStation(Diagram):
     (``lcmt_iiwa_status``, ``lcmt_iiwa_command``), and with anything that sends ``lcmt_image_array``. Torques on the
     port are positive along the joint and hold gravity's part; a Panda's are its sensors' (tau_J), an iiwa's messages
     have the other sign. With ``lcm.control`` at ``position``, torque commands are dropped, which is what a driver in
-    position mode wants. The gripper has a bus protocol of its own: its port shows zeros, its commands go nowhere.
+    position mode wants. The gripper has a bus protocol of its own: its port tells nothing (NaN), its commands go
+    nowhere.
 
     The simulator that runs this must keep to real time on a real bus.
 
@@ -99,7 +100,7 @@ class LcmArmStation(Diagram):
         builder.ExportOutput(receiver.GetOutputPort("measurement_time"), ports.MEASUREMENT_TIME)
         if g:
             gripper = builder.AddNamedSystem("no_gripper", IgnoredCommands({ports.GRIPPER_COMMANDED: g}))
-            still = builder.AddNamedSystem("gripper_state", ConstantVectorSource(np.zeros(2 * g)))
+            still = builder.AddNamedSystem("gripper_state", ConstantVectorSource(np.full(2 * g, np.nan)))
             builder.ExportInput(gripper.get_input_port(), ports.GRIPPER_COMMANDED)
             builder.ExportOutput(still.get_output_port(), ports.GRIPPER_MEASURED)
         if camera is not None:

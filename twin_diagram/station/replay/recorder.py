@@ -15,7 +15,13 @@ from twin_diagram.scenario import Scenario
 from twin_diagram.station import ports
 from twin_diagram.station.add_models import twin_arm
 from twin_diagram.station.replay.recording import RecordingWriter
-from twin_diagram.station.replay.recording_folder import Manifest, RecordedCamera, RecordedLidar
+from twin_diagram.station.replay.recording_folder import (
+    Manifest,
+    RecordedCamera,
+    RecordedLidar,
+    place_of,
+    read_manifest,
+)
 
 
 def open_recording(scenario: Scenario, folder: str | Path, rows: BinaryIO | None = None) -> RecordingWriter:
@@ -53,6 +59,9 @@ def depth_unit(scenario: Scenario) -> float:
     """Return the length of which the depths on the station's port are whole numbers [m]."""
     if scenario.station == "lcm":
         return scenario.lcm.depth_unit
+    if scenario.station == "replay" and (folder := Path(scenario.replay.log)).is_dir():
+        camera = read_manifest(place_of(folder)).camera
+        return 1.0 if camera is None else camera.depth_unit  # nothing is shown of a camera that was not recorded
     return scenario.world.camera_defects.depth_unit
 
 
@@ -170,7 +179,7 @@ def add_recorder(
     writer: RecordingWriter,
     position_commanded: OutputPort | None = None,
 ) -> Recorder:
-    """Add a recorder and connects it.
+    """Add a recorder and connect it.
 
     Args:
         builder: where the station is.

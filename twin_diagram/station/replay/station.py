@@ -254,7 +254,7 @@ class ReplayArmStation(Diagram):
             if messages.gripper is not None:
                 gripper = player.GetOutputPort("gripper_measured")
             else:
-                still = builder.AddNamedSystem("no_gripper", ConstantVectorSource(np.zeros(2 * g)))
+                still = builder.AddNamedSystem("no_gripper", ConstantVectorSource(np.full(2 * g, np.nan)))
                 gripper = still.get_output_port()
             builder.ExportOutput(gripper, ports.GRIPPER_MEASURED)
         if camera is not None:

@@ -228,7 +228,7 @@ class LidarSystem(LeafSystem):
 
 
 def add_lidar(builder: DiagramBuilder, world: WorldPlant, plan: Scenario) -> dict[str, int]:
-    """Add ``twin.lidar`` to a station, where there is one, and exports its ports.
+    """Add ``twin.lidar`` to a station, where there is one, and export its ports.
 
     Returns:
         Sizes of these ports by name.

@@ -217,7 +217,7 @@ class LinkSensorSystem(LeafSystem):
 
 
 def add_link_sensors(builder: DiagramBuilder, plant: MultibodyPlant, arm: ArmPlant, plan: Scenario) -> dict[str, int]:
-    """Add the sensors of ``twin.sensors`` to a station and exports their ports.
+    """Add the sensors of ``twin.sensors`` to a station and export their ports.
 
     Returns:
         Sizes of these ports by name.

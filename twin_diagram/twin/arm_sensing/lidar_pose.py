@@ -110,7 +110,7 @@ class ArmScan(LeafSystem):
         others: Mapping[str, Points] | None = None,
         noise: PointNoise = LIDAR_NOISE,
     ) -> ArmScan:
-        """Add one to a Diagram and gives a filter its measurements; its first two inputs are left to connect.
+        """Add one to a Diagram and give a filter its measurements; its first two inputs are left to connect.
 
         Args:
             builder: that holds the filter.

@@ -1,0 +1,59 @@
+"""Where things are to be put down: not inside of what never moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
+from twin_diagram.errors import ScenarioError
+from twin_diagram.planning.collision.convex_solids import Box, Solid
+from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
+from twin_diagram.planning.tasks.place_goals import check_places, depth_inside
+from twin_diagram.scenario import Pose, TaskStep
+from twin_diagram.scenario.resources import resolve
+
+HALF = 0.0508
+"""Of the can's height [m]."""
+
+
+@pytest.fixture(scope="module")
+def library() -> dict[str, Asset]:
+    return {"can": Asset.load(resolve("objects/can"))}
+
+
+def placing(x: float, z: float, tolerance: float = 0.01) -> scenario.Task:
+    goal = Pose(translation=[x, 0.2, z])
+    return scenario.Task(
+        steps=[
+            TaskStep(kind="pick", object="can"),
+            TaskStep(kind="place", object="can", goal=goal, position_tolerance=tolerance),
+        ]
+    )
+
+
+def test_depth_is_that_of_the_nearest_way_out() -> None:
+    def cube(z: float) -> list[np.ndarray]:
+        return [Box(np.full(3, 0.05), np.eye(3), np.array([0.0, 0.0, z])).vertices]
+
+    slab: list[Solid] = [Box(np.array([1.0, 1.0, 0.1]), np.eye(3), np.array([0.0, 0.0, -0.1]))]
+    assert depth_inside(cube(0.03), slab) == pytest.approx(0.02)
+    assert depth_inside(cube(0.08), slab) == pytest.approx(-0.03)
+    assert depth_inside(cube(0.0), []) == -np.inf
+    thin: list[Solid] = [Box(np.array([1.0, 1.0, 0.02]), np.eye(3), np.zeros(3))]
+    assert depth_inside(cube(0.0), thin) == pytest.approx(0.02, abs=0.005), "no corner is inside, the middle is"
+
+
+@pytest.mark.parametrize("height", [0.0, 0.15])
+def test_a_goal_at_the_tables_top_in_the_place_of_the_objects_middle_is_refused(
+    library: dict[str, Asset], height: float
+) -> None:
+    table = fixture_solids([scenario.Fixture("scenes/table.sdf", Pose(translation=[0.0, 0.0, height]))])
+    check_places(placing(0.5, height + HALF), library, table)
+    check_places(placing(0.5, height + HALF - 0.008), library, table)
+    check_places(placing(1.2, height), library, table)
+    with pytest.raises(ScenarioError, match=r"steps\.1\.goal: can would stand inside table.*0\.051 m above"):
+        check_places(placing(0.5, height), library, table)
+    with pytest.raises(ScenarioError, match="inside table"):
+        check_places(placing(0.5, height + HALF - 0.008, tolerance=0.005), library, table)
