@@ -386,7 +386,6 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         "~nosuchuser/s.yaml",
         "a" * 5000,
         "nul\0byte",
-        str(tmp_path),
     ):
         with pytest.raises(ScenarioError) as caught:
             load_scenario(name)

@@ -110,7 +110,7 @@ def find_scenario(path: str | Path) -> Path:
         # Not Path.is_file, which raises for names that no file can have.
         if os.path.isfile(candidate):
             return candidate.resolve()
-    if os.path.isdir(given):
+    if str(path) and os.path.isdir(given):
         raise ScenarioError(str(path), "is a folder; a scenario is one YAML file")
     known = sorted(p.stem for p in (models_dir() / "scenarios").glob("*.yaml"))
     raise ScenarioError(str(path), f"no such scenario file; those that come along: {', '.join(known) or 'none'}")
