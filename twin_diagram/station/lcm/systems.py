@@ -52,10 +52,10 @@ class ArmReceiver(LeafSystem):
         - turns
 
     Units and sizes as on any station; zeros and `NEVER` before the first message. Angles that jump by a turn from one
-    message to the next are taken to go on; `turns` (n) [rad] is what was added to the newest for that. `measurement_time` is the message's
-    own time stamp, on a clock that starts where the first message arrives: a constant delay of the bus is not seen,
-    its jitter is. `clock` (2): the first message's utime [µs] and when it came [s], `NEVER` before. Latency: the
-    bus's.
+    message to the next are taken to go on; `turns` (n) [rad] is what was added to the newest for that.
+    `measurement_time` is the message's own time stamp, on a clock that starts where the first message arrives: a
+    constant delay of the bus is not seen, its jitter is. `clock` (2): the first message's utime [µs] and when it came
+    [s], `NEVER` before. Latency: the bus's.
     """
 
     def __init__(self, protocol: Protocol, revolute: npt.NDArray[np.bool_], channel: str) -> None:
@@ -146,8 +146,9 @@ class CommandSender(LeafSystem):
         - clock
         - turns
 
-    Positions go out in the turn that the driver counts in: less `turns` (n) [rad], see `ArmReceiver`. Sent `Tuning.send_offset` after each period of the driver, with the driver's own time, which drivers check. Nothing
-    is sent before the first status message, nor while there is no command (unconnected, or a NaN in it).
+    Positions go out in the turn that the driver counts in: less `turns` (n) [rad], see `ArmReceiver`. Sent
+    `Tuning.send_offset` after each period of the driver, with the driver's own time, which drivers check. Nothing is
+    sent before the first status message, nor while there is no command (unconnected, or a NaN in it).
     """
 
     def __init__(
