@@ -19,6 +19,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import holders, load_scene
 from twin_diagram.planning.collision.held_shape import obstacles_beside
+from twin_diagram.planning.given import check_kinds
 from twin_diagram.planning.mpc.arm_torque import ArmTorque
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
@@ -123,9 +124,11 @@ class Mpc(ModelUser[Model]):
             solver: for quadratic programs; None for `ActiveSet`.
 
         Raises:
+            ArgumentError: an argument of another kind.
             ScenarioError: a tuning value that makes no sense.
             ModelError: a shape that cannot be read.
         """
+        check_kinds(model, twin, library)
         super().__init__()
         self.set_name("mpc")
         _check(twin.planner)

@@ -74,7 +74,7 @@ def test_a_helping_process_is_told_what_to_import(drag: Path) -> None:
     assert users_effects() == {}
     import_again({"my_drag": str(drag)})
     assert spec_of(make(DRAG)).module == "my_drag"
-    with pytest.raises(ModelError, match="effects of no.such_thing: ModuleNotFoundError"):
+    with pytest.raises(ModelError, match=r"effects of no\.such_thing: ModuleNotFoundError"):
         import_again({"no.such_thing": "there.py"})
 
 
