@@ -163,7 +163,7 @@ class Mpc(ModelUser[Model]):
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
-        self._pending = self.DeclareAbstractState(Value(None))
+        self._pending = self.DeclareAbstractState(Value(()))  # what is asked, or nothing: Drake 1.58 takes no None
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.filter.rate, 0.0, self._latch)
         state, arm = self.discrete_state_ticket(self._state), self._arm_in.ticket()
@@ -191,7 +191,7 @@ class Mpc(ModelUser[Model]):
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""
         memory = Memory.unpack(self._vector(context), self._n, self._knots, self._step)
-        return replace(memory, pending=context.get_abstract_state(int(self._pending)).get_value())
+        return replace(memory, pending=next(iter(context.get_abstract_state(int(self._pending)).get_value()), None))
 
     def braked(self, context: Context) -> bool:
         """Return whether the arm rests because what searches for ways has failed and does not work again yet."""
@@ -262,7 +262,8 @@ class Mpc(ModelUser[Model]):
         dynamics = ArmTorque(self._in_use(context), planner.scene.chain, self._payload(context))
         memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics)
         state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
-        state.get_mutable_abstract_state(int(self._pending)).set_value(memory.pending)
+        pending = () if memory.pending is None else (memory.pending,)
+        state.get_mutable_abstract_state(int(self._pending)).set_value(pending)
         return EventStatus.Succeeded()
 
     def _surroundings(self, context: Context) -> tuple[MotionPlanner, Array, Array, Array | None, Array | None]:
