@@ -31,7 +31,7 @@ from pydrake.multibody.tree import (
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError, ScenarioError, expect
-from twin_diagram.model.description import foreign, held_joints, impossible, parser_warnings, unparsed
+from twin_diagram.model.description import foreign, held_joints, impossible, joint_tree, parser_warnings, unparsed
 from twin_diagram.scenario import resources
 from twin_diagram.scenario.poses import pose
 
@@ -193,6 +193,7 @@ def add_arm(
     spec = resolve(spec, packages, base_dir)
     instances = _parsed(plant, spec, packages)
     every = _joints(plant, instances)
+    joint_tree.refuse_loops(spec.model, every)
     # Before Finalize the plant does not list actuators by model instance.
     actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
     motors = {
@@ -293,33 +294,22 @@ def _refuse_carried(
     spec: scenario.ArmModel, arm: Sequence[Joint], every: Sequence[Joint], following: Mapping[str, unparsed.Following]
 ) -> None:
     """Raise ModelError where a joint that follows one of the arm's carries another: it would be held where it is."""
-    to_child = {int(joint.child_body().index()): joint for joint in every}
+    above = joint_tree.carriers(every)
     own = {joint.name() for joint in arm}
     for joint in arm:
-        above: Joint | None = joint
-        while above is not None:
-            name = above.name()
+        for name in (each.name() for each in above(joint)):
             if name not in own and name in following and following[name].leader in own:
                 raise ModelError(
                     f"{spec.model}: joint {name!r} follows {following[name].leader!r} and carries {joint.name()!r}; "
                     "such an arm is not modelled, unless `joints` names it as one that is driven"
                 )
-            above = to_child.get(int(above.parent_body().index()))
 
 
 def _from_the_base(joints: list[Joint], every: Sequence[Joint]) -> list[Joint]:
     """Return joints from the base on where they are one chain, however the file lists them, else as they are."""
-    to_child = {int(joint.child_body().index()): joint for joint in every}
+    above = joint_tree.carriers(every)
     wanted = {int(joint.index()) for joint in joints}
-
-    def above(joint: Joint) -> list[int]:
-        result: list[int] = []
-        while int(joint.parent_body().index()) in to_child:
-            joint = to_child[int(joint.parent_body().index())]
-            result += [int(joint.index())] if int(joint.index()) in wanted else []
-        return result
-
-    depths = [len(above(joint)) for joint in joints]
+    depths = [sum(int(each.index()) in wanted for each in above(joint)) for joint in joints]
     if sorted(depths) != list(range(len(joints))):
         return joints
     return [joints[k] for k in np.argsort(depths)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint, WeldJoint
 
+from twin_diagram.model.description import joint_tree
 from twin_diagram.model.description.unparsed import Following
 
 
@@ -20,34 +21,17 @@ def beside(arm: Sequence[Joint], every: Sequence[Joint]) -> list[Joint]:
         arm: its joints.
         every: joints of the robot, also those that are fixed.
     """
-    above = _carriers(every)
+    above = joint_tree.carriers(every)
     own = {int(joint.index()) for joint in arm}
-    return [
-        joint
-        for joint in every
-        if isinstance(joint, (RevoluteJoint, PrismaticJoint)) and own.isdisjoint({*above(joint), int(joint.index())})
-    ]
+    movable = [joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
+    return [one for one in movable if own.isdisjoint(int(each.index()) for each in (one, *above(one)))]
 
 
 def elsewhere(arm: Sequence[Joint], every: Sequence[Joint]) -> list[Joint]:
     """Return those of `beside` that do not carry the arm either: on a fixed base the arm does not feel them."""
-    above = _carriers(every)
-    carrying = {index for joint in arm for index in above(joint)}
+    above = joint_tree.carriers(every)
+    carrying = {int(each.index()) for joint in arm for each in above(joint)}
     return [joint for joint in beside(arm, every) if int(joint.index()) not in carrying]
-
-
-def _carriers(every: Sequence[Joint]) -> Callable[[Joint], set[int]]:
-    """Return what answers the indices of the joints between one and the base."""
-    to_child = {int(joint.child_body().index()): joint for joint in every}
-
-    def above(joint: Joint) -> set[int]:
-        found = set()
-        while int(joint.parent_body().index()) in to_child:
-            joint = to_child[int(joint.parent_body().index())]
-            found.add(int(joint.index()))
-        return found
-
-    return above
 
 
 def hold(plant: MultibodyPlant, held: Sequence[Joint], following: Mapping[str, Following]) -> list[str]:
