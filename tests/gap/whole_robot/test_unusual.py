@@ -8,10 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tests.gap import made
 from tests.gap.made import ARM, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.candidates.payload import payload, payload_about
+from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import physical_fit
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
@@ -24,7 +26,8 @@ from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_
 from twin_diagram.gap.whole_robot.pushes import TUNING, pushes
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import offered, room_for, terms_of, unusual, weighed, with_candidate
-from twin_diagram.model.effects import Effect
+from twin_diagram.model.effects import Effect, make
+from twin_diagram.scenario import EffectSpec
 
 MASS, COM = 3.0, [0.02, 0.05, 0.06]
 
@@ -143,6 +146,18 @@ def test_what_was_found_of_links_before_counts_as_if_both_logs_were_fitted_at_on
     error = np.sqrt(np.diag(told))
     with_both, alone = (np.linalg.norm((solve(one, after)[links] - both) / error) for one in (later, every))
     assert with_both < 0.5 * alone
+
+
+def test_what_acts_in_one_log_loads_no_joint_in_another() -> None:
+    push = EffectSpec("external_force", [], ["tool0"], {"wrench": [0.0, 0.0, 30.0, 0.0, 0.0, 0.0]}, 1.5, 3.0, "mark 0")
+    model = ARM.with_effects([make(push)])
+    logs = Records(ARM, tuple(made.record(ARM, *made.swing(5.0, seed=index), index=index) for index in range(2)))
+    sums = equations(logs)
+    pushed, other = (
+        np.max(np.abs(load - record.given))
+        for load, record in zip(terms_of(sums, model).load, sums.records.records, strict=True)
+    )
+    assert pushed > 10.0 and other < 1e-9
 
 
 def test_what_stands_for_the_same_makes_room() -> None:

@@ -99,7 +99,9 @@ def as_named(records: Records, verdict: Verdict, whole: WholeRobot, recorded: Ar
 def places(records: Records, whole: WholeRobot) -> tuple[Place, ...]:
     """Return where the given model's residual is, noise being what the robot as a whole leaves."""
     terms = Terms(records, given_load(records), slow_speed(records))
-    explained = records.reduce(lambda r: whole.model.inverse_dynamics(r.q, r.v, r.a, time=r.time) - r.given)
+    explained = records.reduce(
+        lambda r: whole.model.for_run(r.mark).inverse_dynamics(r.q, r.v, r.a, time=r.time) - r.given
+    )
     return locate(records, terms, whitening.estimate(records.residual - explained, records.lengths))
 
 
