@@ -25,6 +25,7 @@ from twin_diagram.gap.residuals.prepared_logs import (
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.logs.straightening import straightened
+from twin_diagram.model.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -238,6 +239,15 @@ def test_what_gears_pass_on_is_without_dry_friction() -> None:
     np.testing.assert_allclose(off[moving], 4.0 * np.sign(with_it.v[moving, ELBOW]), atol=1e-6)
     made: Record = with_it
     assert made.torque.shape == made.q.shape
+
+
+def test_friction_that_a_description_states_is_not_passed_on_either() -> None:
+    stated = replace(ARM.arm.stated, friction=dict.fromkeys(ARM.joints, 4.0))
+    less = effect("coulomb_friction", [ARM.joints[ELBOW]], torque=-1.0)
+    model, log = Model(ARM.plant, replace(ARM.arm, stated=stated), [less]), log_of(3.0)
+    made, bare = (prepare(one, [log]).records[0] for one in (model, ARM))
+    np.testing.assert_allclose(made.passed, bare.given, atol=1e-9)
+    assert np.max(np.abs(made.given - made.passed)) == pytest.approx(4.0, rel=1e-3)
 
 
 def test_an_arm_at_rest_does_not_move_whatever_its_encoders_noise_and_a_slow_one_does() -> None:

@@ -8,7 +8,7 @@ them at the log's own rate, non-linear ones too, and only then low-passed and th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -324,6 +324,12 @@ def round_stride(rate: float, stride: int) -> int:
     return every * max(1, stride // every)
 
 
+def slick(model: Model) -> Model:
+    """Return a model without dry friction, its description's own included."""
+    arm = replace(model.arm, stated=replace(model.arm.stated, friction={}))
+    return Model(model.plant, arm, [effect for effect in model.effects if not effect.dry])
+
+
 def _record(model: Model, log: Log, index: int, band: float) -> Record:
     duration = usable(log)
     rate = (len(log) - 1) / duration
@@ -337,8 +343,7 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
     q, v, a = smooth.position, smooth.velocity, smooth.acceleration
     given = model.inverse_dynamics(q, v, a, time=log.time, seen=seen)
     if any(effect.dry for effect in model.effects):
-        slick = model.with_effects([effect for effect in model.effects if not effect.dry])
-        passed = slick.inverse_dynamics(q, v, a, time=log.time, seen=seen)
+        passed = slick(model).inverse_dynamics(q, v, a, time=log.time, seen=seen)
     else:
         passed = given
     return Record(
