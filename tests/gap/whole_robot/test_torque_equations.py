@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from tests.gap.made import ARM, ELBOW, effect, record, swing
 from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.whole_robot import torque_equations
 from twin_diagram.gap.whole_robot.torque_equations import equations, kinds_of_motion
 
 
@@ -46,6 +48,17 @@ def test_what_links_weigh_beyond_the_description_pulls_aside_on_a_tilted_base() 
         left.append(np.linalg.norm(residual - links @ best) / np.linalg.norm(residual))
     assert left[1] < 1e-6 < 0.02 < left[0]
     np.testing.assert_allclose(tilted.with_further([]).whole, level.whole, atol=1e-9 * np.max(level.whole))
+
+
+def test_a_slow_log_is_thinned_no_more_than_a_fast_one_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torque_equations, "TUNING", replace(torque_equations.TUNING, samples=800))
+    long, short = record(ARM, *swing(30.0)), record(ARM, *swing(6.0), index=1)
+    kept = np.arange(15, len(short.time) // 4 - 15, 2)
+    slow = {name: getattr(short, name)[::4] for name in ("time", "q", "v", "a", "torque", "given", "passed")}
+    there = replace(short, rate=50.0, period=0.02, band=10.0, kept=kept, **slow)
+    fast, other = equations(Records(ARM, (replace(long, band=10.0), there))).records.records
+    assert np.diff(other.times)[0] == pytest.approx(np.diff(fast.times)[0], abs=0.02)
+    assert len(fast.kept) + len(other.kept) <= 800
 
 
 def test_a_motion_that_comes_back_is_of_the_same_kind() -> None:

@@ -276,8 +276,9 @@ def _thinned(records: Records, record: Record) -> npt.NDArray[np.int64]:
     """Return which full-rate samples of a log are kept."""
     inside = np.arange(record.kept[0], record.kept[-1] + 1)
     band = min(DIFFERENTIATION.residual_cutoff, record.band)
-    whole = sum(r.kept[-1] - r.kept[0] for r in records.records)
-    stride = max(1, int(record.rate / (TUNING.thin * band)), int(np.ceil(whole / TUNING.samples)))
+    seconds = sum((r.kept[-1] - r.kept[0]) / r.rate for r in records.records)
+    most = int(np.ceil(record.rate * seconds / TUNING.samples - 1e-6))  # logs of any rate count by how long they last
+    stride = max(1, int(record.rate / (TUNING.thin * band)), most)
     return inside[::stride]
 
 
