@@ -156,9 +156,12 @@ def is_noise(given: Model, logs: Sequence[Log], floor: Array) -> bool:
 
 def unsearched(records: Records) -> Verdict:
     """Return the verdict where nothing could be searched for: unknown, with the noise that torques themselves show."""
-    white = np.max([roughness(record.torque, 1.0 / record.rate) for record in records.records], axis=0)
-    share = min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / records.records[0].rate)
-    return Verdict("unknown", False, (), (), (), np.maximum(white * np.sqrt(share), 1e-9))
+    below = [
+        roughness(record.torque, 1.0 / record.rate)
+        * np.sqrt(min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / record.rate))
+        for record in records.records
+    ]
+    return Verdict("unknown", False, (), (), (), np.maximum(np.max(below, axis=0), 1e-9))
 
 
 def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: bool) -> bool:
