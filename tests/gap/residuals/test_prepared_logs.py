@@ -91,6 +91,13 @@ def test_no_band_is_narrower_than_motion() -> None:
     assert trusted_band(ARM, replace(still, position=np.zeros_like(still.position))) == np.inf
 
 
+def test_a_torque_that_is_not_logged_narrows_no_band() -> None:
+    log = log_of(8.0, 500.0, position_noise=5e-6)
+    assert log.torque is not None
+    dead = replace(log, torque=np.where(np.arange(6) == 5, 0.0, log.torque))
+    assert 10.0 < trusted_band(ARM, log) == pytest.approx(trusted_band(ARM, dead))
+
+
 def test_position_noise_as_inertial_torque_over_the_torques_own() -> None:
     log = log_of(40.0, 250.0, 0.4, 1e-5)
     inertia = mean_inertia(ARM, log)

@@ -249,7 +249,8 @@ def trusted_band(model: Model, log: Log) -> float:
         rough = np.diff(signal, 4, axis=0) / np.sqrt(70.0)  # of white noise, the same variance
         density.append(np.median(np.abs(rough), axis=0) / 0.6745)
     inertia = mean_inertia(model, log)
-    noisy = density[0] > 0.0
+    logged = np.ptp(log.motor_torque, axis=0) > 0.0  # a torque that never changes tells of no noise
+    noisy = logged & (density[0] > 0.0)
     if not np.any(noisy):
         return np.inf
     square = TUNING.noise_share * density[1][noisy] / (inertia[noisy] * density[0][noisy])
