@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -59,6 +60,15 @@ def test_a_slow_log_is_thinned_no_more_than_a_fast_one_beside_it(monkeypatch: py
     fast, other = equations(Records(ARM, (replace(long, band=10.0), there))).records.records
     assert np.diff(other.times)[0] == pytest.approx(np.diff(fast.times)[0], abs=0.02)
     assert len(fast.kept) + len(other.kept) <= 800
+
+
+def test_a_long_logs_columns_are_never_there_at_its_full_rate() -> None:
+    records = Records(ARM, (record(ARM, *swing(60.0)),))
+    tracemalloc.start()
+    columns = equations(records).columns
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < len(records.records[0].time) * columns[0].nbytes
 
 
 def test_a_motion_that_comes_back_is_of_the_same_kind() -> None:

@@ -170,7 +170,7 @@ class TorqueEquations:
         aside = replace(tree.bare(tree.inertia), gravity=change)
         resting = [np.zeros_like(record.q) for record in self.records.records]
         parts = zip(self.records.records, resting, strict=True)
-        weight = [_of_links(self.records, r, aside, still, still)[r.kept] for r, still in parts]
+        weight = [_of_links(self.records, r, aside, still, still) for r, still in parts]
         columns[:, :, : 10 * self.n] += np.concatenate(weight)
         return replace(self.with_columns(columns), tilt=tilt)
 
@@ -205,9 +205,7 @@ def equations(records: Records) -> TorqueEquations:
     records = replace(records, records=tuple(same))
     terms = Terms(records, given_load(records), slow_speed(records))
     weights = stiction.sliding(records, terms, range(records.n))
-    columns = np.concatenate(
-        [_columns(records, r, sign)[r.kept] for r, sign in zip(records.records, terms.signs, strict=True)]
-    )
+    columns = np.concatenate([_columns(records, r, sign) for r, sign in zip(records.records, terms.signs, strict=True)])
     motion = np.hstack(records.motion[:2])
     gaps = np.concatenate([np.arange(len(k)) == 0 for k in kept])
     seconds = sum(float(record.time[-1] - record.time[0]) for record in records.records)
@@ -242,22 +240,26 @@ def summed(columns: Array, weights: Array, stretch: npt.NDArray[np.int64]) -> Ar
 
 
 def _columns(records: Records, record: Record, sign: Array) -> Array:
-    """Return (N, n, K + 1) of a log at its full rate, low-passed as residuals are compared."""
+    """Return (D, n, K + 1) of a log's kept samples, low-passed as residuals are compared."""
     model, n = records.model, records.n
-    result = np.empty((len(record.time), n, 10 * n + len(OWN) + 1))
+    result = np.empty((len(record.kept), n, 10 * n + len(OWN) + 1))
     result[:, :, : 10 * n] = _of_links(records, record, model.tree, record.v, record.a)
     own = [record.v, sign, -np.ones_like(record.v), record.a]
     for k, signal in enumerate([*own, record.torque - record.given]):
-        result[:, :, 10 * n + k] = low_passed(signal, record)
+        result[:, :, 10 * n + k] = low_passed(signal, record)[record.kept]
     return result
 
 
 def _of_links(records: Records, record: Record, tree: rigid_tree.RigidTree, v: Array, a: Array) -> Array:
-    """Return (N, n, 10 n) torques per unit of links' parameters at a log's angles, with other motion and gravity."""
+    """Return (D, n, 10 n) torques per unit of links' parameters at a log's angles, with other motion and gravity.
+
+    Link by link: at the full rate, those of all links at once are ten times what a long log itself is.
+    """
     result = []
     for body in range(records.n):
         _, X_ML = records.model.bodies.body_of(tree.link[body])
-        result.append(low_passed(tree.regressor(record.q, v, a, body) @ rigid_tree.transform_inertia(X_ML), record))
+        moved = tree.regressor(record.q, v, a, body) @ rigid_tree.transform_inertia(X_ML)
+        result.append(low_passed(moved, record)[record.kept])
     return np.concatenate(result, axis=2)
 
 
