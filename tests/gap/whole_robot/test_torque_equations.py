@@ -71,6 +71,19 @@ def test_a_long_logs_columns_are_never_there_at_its_full_rate() -> None:
     assert most < len(records.records[0].time) * columns[0].nbytes
 
 
+@pytest.mark.parametrize("level", [0.0, -7.3])
+def test_a_torque_that_never_changes_in_a_log_tells_nothing_of_it(level: float) -> None:
+    made = [record(ARM, *swing(4.0, seed), index=seed, extra=1.0) for seed in range(2)]
+    dead = replace(made[1], torque=np.where(np.arange(6) == ELBOW, level, made[1].torque))
+    sums, whole = (equations(Records(ARM, (made[0], one))) for one in (dead, made[1]))
+    of_second = sums.records.owner == 1
+    assert not np.any(sums.weights[of_second, ELBOW]) and np.any(whole.weights[of_second, ELBOW])
+    others = np.arange(6) != ELBOW
+    np.testing.assert_array_equal(sums.weights[:, others], whole.weights[:, others])
+    np.testing.assert_array_equal(sums.weights[~of_second], whole.weights[~of_second])
+    assert sums.residual_rms[ELBOW] == pytest.approx(1.0, rel=0.01)
+
+
 def test_a_motion_that_comes_back_is_of_the_same_kind() -> None:
     once = np.random.default_rng(5).normal(size=(20, 6))
     kinds = kinds_of_motion(np.vstack([once, once + 1e-6]))

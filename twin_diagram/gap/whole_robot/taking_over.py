@@ -181,7 +181,7 @@ def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: 
 
 def gained(whole: WholeRobot, logs: Sequence[Log], rival: Model) -> float:
     """Return the fall of the residual's logarithm, mean over joints, on motion that no fit of it has seen."""
-    unseen = np.log(whole.left / np.maximum(whole.fitted, 1e-12))
+    unseen = np.log(np.maximum(whole.left, 1e-12) / np.maximum(whole.fitted, 1e-12))
     return float(np.mean(size_of(rival, logs) - size_of(whole.model, logs) - unseen))
 
 

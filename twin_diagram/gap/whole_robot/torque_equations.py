@@ -44,6 +44,9 @@ class Tuning:
     folds: int = 5
     """Kinds of motion that are left out in turn."""
 
+    dead: float = 1e-9
+    """Share of itself by which a torque must change to be one: what is not logged, or a brake holds, tells nothing."""
+
 
 TUNING = Tuning()
 
@@ -87,7 +90,7 @@ class TorqueEquations:
         counts: (S, n) samples that count.
         fold: (S,) which kind of motion a stretch is of.
         columns: (N, n, K + 1) of the kept samples, for what is left in time.
-        weights: (N, n) 0 where dry friction may hold a joint, else 1.
+        weights: (N, n) 0 where dry friction may hold a joint, or its torque never changes in that log, else 1.
         gaps: (N,) whether a sample is the first of its log.
         seconds: that all logs last together.
         stretch: (N,) which stretch a sample is of.
@@ -196,6 +199,7 @@ def equations(records: Records) -> TorqueEquations:
     Args:
         records: prepared with the given model.
     """
+    told = [np.ptp(r.torque, axis=0) > TUNING.dead * np.max(np.abs(r.torque), axis=0) for r in records.records]
     records = coarser(records)
     kept = [_thinned(records, record) for record in records.records]
     # Candidates' columns are reduced by the records, and must hold no more of a band than the residual does.
@@ -204,7 +208,7 @@ def equations(records: Records) -> TorqueEquations:
     ]
     records = replace(records, records=tuple(same))
     terms = Terms(records, given_load(records), slow_speed(records))
-    weights = stiction.sliding(records, terms, range(records.n))
+    weights = stiction.sliding(records, terms, range(records.n)) * np.repeat(told, [len(k) for k in kept], axis=0)
     columns = np.concatenate([_columns(records, r, sign) for r, sign in zip(records.records, terms.signs, strict=True)])
     motion = np.hstack(records.motion[:2])
     gaps = np.concatenate([np.arange(len(k)) == 0 for k in kept])
