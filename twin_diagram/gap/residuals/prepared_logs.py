@@ -185,6 +185,10 @@ class Records:
         """Return a law's full-rate answers put end to end."""
         return np.concatenate([law(record) for record in self.records])
 
+    def angles(self, record: Record) -> Array:
+        """Return (N, n) a record's positions behind the encoder offsets that the given model knows of [rad]."""
+        return self.model.true_position(record.q)
+
     @cached_property
     def residual(self) -> Array:
         """(ΣD, n) logged less given torque [N·m]."""

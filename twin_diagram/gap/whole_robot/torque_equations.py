@@ -262,7 +262,7 @@ def _of_links(records: Records, record: Record, tree: rigid_tree.RigidTree, v: A
     result = []
     for body in range(records.n):
         _, X_ML = records.model.bodies.body_of(tree.link[body])
-        moved = tree.regressor(record.q, v, a, body) @ rigid_tree.transform_inertia(X_ML)
+        moved = tree.regressor(records.angles(record), v, a, body) @ rigid_tree.transform_inertia(X_ML)
         result.append(low_passed(moved, record)[record.kept])
     return np.concatenate(result, axis=2)
 
