@@ -58,6 +58,16 @@ def test_band_and_thinning_go_with_the_logs_rate(rate: float, band: float, strid
     assert record.period == pytest.approx(1.0 / rate) and record.index == 0
 
 
+@pytest.mark.parametrize(
+    ("rates", "thinned"), [((125.0, 1000.0), 62.5), ((1000.0, 125.0), 62.5), ((100.0, 500.0), 50.0)]
+)
+def test_logs_of_any_rates_are_thinned_to_the_same(rates: tuple[float, float], thinned: float) -> None:
+    """One noise's colour is that of samples so far apart."""
+    records = prepare(ARM, [log_of(3.0, rate) for rate in rates])
+    each = [record.rate / (record.kept[1] - record.kept[0]) for record in records.records]
+    np.testing.assert_allclose(each, thinned, rtol=1e-9)
+
+
 def test_all_logs_share_the_band_that_the_poorest_of_them_allows() -> None:
     logs = [log_of(3.0, 250.0), log_of(3.0, 80.0), log_of(3.0, 250.0, torque_noise=0.02, position_noise=2e-5)]
     each = [prepare(ARM, [log]).records[0].band for log in logs]

@@ -236,7 +236,8 @@ def prepare(model: Model, logs: Sequence[Log]) -> Records:
     regular = [uniform(straightened(log)) for log in logs]
     rate = min(1.0 / log.period for log in regular)
     band = min(TUNING.band, 0.2 * rate, *(trusted_band(model, log) for log in regular))
-    return Records(model, tuple(_record(model, log, index, band) for index, log in enumerate(regular)))
+    kept = zip(regular, strides(regular, band), strict=True)
+    return Records(model, tuple(_record(model, log, index, band, every) for index, (log, every) in enumerate(kept)))
 
 
 def trusted_band(model: Model, log: Log) -> float:
@@ -329,17 +330,31 @@ def round_stride(rate: float, stride: int) -> int:
     return every * max(1, stride // every)
 
 
+def strides(logs: Sequence[Log], band: float) -> list[int]:
+    """Return every how many samples of each log are kept: one noise's colour holds at one rate, so rates are alike.
+
+    Args:
+        logs: of regular times.
+        band: edge of the low-pass [Hz].
+
+    Raises:
+        LogError: one is too short, or without torque.
+    """
+    rates = [(len(log) - 1) / usable(log) for log in logs]
+    own = [round_stride(rate, max(1, int(rate / (TUNING.thin * band) + 1e-6))) for rate in rates]
+    fastest = max(rate / stride for rate, stride in zip(rates, own, strict=True))
+    return [round_stride(rate, max(1, round(rate / fastest))) for rate in rates]
+
+
 def slick(model: Model) -> Model:
     """Return a model without dry friction, its description's own included."""
     arm = replace(model.arm, stated=replace(model.arm.stated, friction={}))
     return Model(model.plant, arm, [effect for effect in model.effects if not effect.dry])
 
 
-def _record(model: Model, log: Log, index: int, band: float) -> Record:
-    duration = usable(log)
-    rate = (len(log) - 1) / duration
+def _record(model: Model, log: Log, index: int, band: float, stride: int) -> Record:
+    rate = (len(log) - 1) / float(log.time[-1] - log.time[0])
     smooth = motion(log, TUNING.motion * band)
-    stride = round_stride(rate, max(1, int(rate / (TUNING.thin * band) + 1e-6)))
     kept = np.flatnonzero(inner(log.time, DIFFERENTIATION.residual_cut))[::stride]
     mark = fingerprint(log)
     model = model.for_run(mark)
