@@ -18,6 +18,8 @@ from tests.gap.made import (
     disagreement,
     effect,
     law,
+    record,
+    swing,
     swinging,
     terms_of,
     told,
@@ -31,6 +33,7 @@ from twin_diagram.gap.candidates import (
     gravity_tilt,
     inertial_parameters,
     joint_elasticity,
+    joint_spring,
     payload,
     time_delay,
     whole_arm,
@@ -408,3 +411,19 @@ def test_a_payload_about_a_centre_is_right_to_first_order_in_mass_and_moment() -
     for step in 1e-3 * np.eye(4):
         ahead, behind = (law(terms, there, told(there, x)) for x in (c + step, c - step))
         np.testing.assert_allclose(2.0 * torque(terms, there, step), ahead - behind, atol=1e-6 * np.max(np.abs(ahead)))
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_laws_are_of_the_positions_behind_encoders_whose_offset_is_known(known: bool) -> None:
+    off = effect("encoder_offset", ARM.joints, offset=[0.05, -0.05, 0.05, -0.05, 0.05, -0.05])
+    model = ARM.with_effects([off] if known else [])
+    terms = terms_of(Records(model, (record(model, *swing(2.0)),)))
+    (spring, *_) = joint_spring.on_joints(terms)[ELBOW]
+    (tilt,) = gravity_tilt.on_arm(terms)
+    push = external_force.external_forces(terms)[-1]
+    moment = [0.02, 0.01, 0.05]
+    load = payload.payload(terms, np.array(moment))
+    assert disagreement(terms, spring, [20.0, -5.0]) < 1e-9
+    assert disagreement(terms, tilt, [0.01, -0.01]) < 0.02  # to first order
+    assert disagreement(terms, push, [10.0, 0.0, 0.0, 0.0, 1.0, 0.0]) < 1e-9
+    assert disagreement(terms, load, [1.0, *moment]) < 1e-9

@@ -12,7 +12,7 @@ import pytest
 from tests.gap.made import ARM, effect
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.candidates.given_link import link_inertia
-from twin_diagram.gap.correction.merge_effects import is_less, merged, names
+from twin_diagram.gap.correction.merge_effects import is_less, merged
 from twin_diagram.gap.correction.physical_coordinates import Coordinates, _physical, from_log_cholesky, log_cholesky
 from twin_diagram.model.effects import Effect
 from twin_diagram.scenario import EffectSpec
@@ -203,4 +203,3 @@ def test_what_is_less() -> None:
     assert is_less(spec("viscous_friction", [A, B], damping=[1.0, -1.0]))
     assert not is_less(spec("torque_bias", torque=-1.0)), "it can be below nothing"
     assert is_less(spec("joint_spring", stiffness=-1.0, rest_angle=0.0))
-    assert names([spec("torque_bias", torque=1.0), spec("payload", [], [], mass=1.0)]) == "torque_bias, payload"

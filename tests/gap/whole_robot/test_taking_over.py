@@ -60,6 +60,15 @@ def test_noise_is_that_of_the_torques_where_nothing_was_searched() -> None:
     np.testing.assert_allclose(verdict.noise_floor, 0.5 * np.sqrt(0.1), rtol=0.15)
 
 
+def test_that_noise_does_not_go_by_which_log_comes_first() -> None:
+    """At four times the rate, the same noise of each sample has a quarter of its power below 10 Hz."""
+    fast = record(ARM, *swing(6.0), extra=0.5 * np.random.default_rng(1).normal(size=(1200, 6)))
+    slow = replace(fast, rate=50.0, time=4.0 * fast.time)
+    floors = [taking_over.unsearched(Records(ARM, two)).noise_floor for two in ((fast, slow), (slow, fast))]
+    np.testing.assert_allclose(floors[0], 0.5 * np.sqrt(0.4), rtol=0.15)
+    np.testing.assert_allclose(*floors)
+
+
 def test_a_robot_that_lacks_everything_need_not_be_searched() -> None:
     _, whole = lacking()
     noise = 0.5 * whole.left

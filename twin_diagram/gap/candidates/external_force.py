@@ -31,7 +31,7 @@ def external_forces(terms: Terms) -> list[Candidate]:
     for body in range(terms.records.n):
 
         def law(record: Record, body: int = body) -> Array:
-            motion = Kinematics.of(tree, record.q.T)
+            motion = Kinematics.of(tree, terms.records.angles(record).T)
             moved = motion.ancestors[body][:, None]
             columns = np.empty((*record.q.shape, 6))
             for k, axis in enumerate(np.eye(3)):

@@ -99,7 +99,9 @@ def as_named(records: Records, verdict: Verdict, whole: WholeRobot, recorded: Ar
 def places(records: Records, whole: WholeRobot) -> tuple[Place, ...]:
     """Return where the given model's residual is, noise being what the robot as a whole leaves."""
     terms = Terms(records, given_load(records), slow_speed(records))
-    explained = records.reduce(lambda r: whole.model.inverse_dynamics(r.q, r.v, r.a, time=r.time) - r.given)
+    explained = records.reduce(
+        lambda r: whole.model.for_run(r.mark).inverse_dynamics(r.q, r.v, r.a, time=r.time) - r.given
+    )
     return locate(records, terms, whitening.estimate(records.residual - explained, records.lengths))
 
 
@@ -154,9 +156,12 @@ def is_noise(given: Model, logs: Sequence[Log], floor: Array) -> bool:
 
 def unsearched(records: Records) -> Verdict:
     """Return the verdict where nothing could be searched for: unknown, with the noise that torques themselves show."""
-    white = np.max([roughness(record.torque, 1.0 / record.rate) for record in records.records], axis=0)
-    share = min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / records.records[0].rate)
-    return Verdict("unknown", False, (), (), (), np.maximum(white * np.sqrt(share), 1e-9))
+    below = [
+        roughness(record.torque, 1.0 / record.rate)
+        * np.sqrt(min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / record.rate))
+        for record in records.records
+    ]
+    return Verdict("unknown", False, (), (), (), np.maximum(np.max(below, axis=0), 1e-9))
 
 
 def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: bool) -> bool:
@@ -176,7 +181,7 @@ def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: 
 
 def gained(whole: WholeRobot, logs: Sequence[Log], rival: Model) -> float:
     """Return the fall of the residual's logarithm, mean over joints, on motion that no fit of it has seen."""
-    unseen = np.log(whole.left / np.maximum(whole.fitted, 1e-12))
+    unseen = np.log(np.maximum(whole.left, 1e-12) / np.maximum(whole.fitted, 1e-12))
     return float(np.mean(size_of(rival, logs) - size_of(whole.model, logs) - unseen))
 
 
