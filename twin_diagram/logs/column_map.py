@@ -102,7 +102,7 @@ class ColumnMap:
                 )
         # Counted from the first sample before it is scaled: nanoseconds since 1970 have no room for fractions.
         time = columns[self.time.name]
-        result = {"time": (time - time[0]) * self.time.scale}
+        result = {"time": (time - time[:1]) * self.time.scale}
         for signal, of_joints in self.signals.items():
             for joint, column in zip(self.joints, of_joints, strict=True):
                 result[f"{signal}.{joint}"] = columns[column.name] * column.scale
@@ -167,12 +167,13 @@ def _with_preset(content: dict[str, Any], source: str) -> tuple[dict[str, Any], 
     preset = PRESETS.get(str(name))
     if preset is None:
         raise LogError(f"{source}: preset: {name!r} is none of {', '.join(PRESETS)}")
-    merged: dict[str, Any] = {"time": dict(preset.time)}
-    for signal, fields in preset.signals.items():
-        own = content.get(signal, {})
-        kept = {key: value for key, value in fields.items() if key != "column" or "columns" not in own}
-        merged[signal] = {**kept, **own} if isinstance(own, Mapping) else own
-    return {**content, **merged, **{key: content[key] for key in content if key not in merged}}, preset.joints
+    merged = dict(content)
+    for name, fields in {"time": preset.time, **preset.signals}.items():
+        own = content.get(name, {})
+        if isinstance(own, Mapping):
+            kept = {key: value for key, value in fields.items() if key != "column" or "columns" not in own}
+            merged[name] = {**kept, **own}
+    return merged, preset.joints
 
 
 def _joints(given: Any, arm: int, content: Mapping[str, Any], source: str) -> tuple[str, ...]:
@@ -255,9 +256,9 @@ def _numbers(value: Any, joints: Sequence[str], name: str, where: str) -> Array:
 
 
 def _unit(unit: Any, units: Mapping[str, float], where: str) -> str:
-    if unit not in units:
+    if not isinstance(unit, str) or unit not in units:
         raise LogError(f"{where}: unit: {unit!r} is none of {', '.join(units)}")
-    return str(unit)
+    return unit
 
 
 def _known(given: Mapping[str, Any], names: Sequence[str], where: str) -> None:
