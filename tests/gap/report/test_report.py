@@ -225,6 +225,22 @@ def test_without_names(model: Model, kind: str, says: str) -> None:
     assert "noise" in text
 
 
+def test_what_was_left_before_is_not_said_to_be_noise(model: Model, shown: Shown) -> None:
+    """Of a model that was corrected before, `none` says that nothing is new."""
+    before, _ = shown.holdout_rms()
+    verdict = replace(bench.verdict("none"), recorded=before)
+    text = read(report.page(subject(model, shown.uncorrected(), verdict)))
+    assert "Nothing new is missing: these runs leave no more than was left when this model was corrected." in text
+    assert "What is left is noise" not in text and "explains these runs" not in text and "but for noise" not in text
+    assert f"the noise is {numbers.number(NOISE)}" in text
+
+
+def test_smoothed_logs_are_not_said_to_be_free_of_noise(model: Model) -> None:
+    logs = [bench.run(model, seed=k, duration=3.0) for k in (1, 2)]
+    own = show(model, model, logs[:1], logs[1], np.full(2, 1e-9))
+    np.testing.assert_allclose(own.noise_floor, 5e-4 * np.sqrt(np.mean(own.fit[0].torque ** 2, axis=0)), rtol=1e-9)
+
+
 def test_pages_repeat_to_the_byte(model: Model, shown: Shown) -> None:
     verdict = bench.verdict("named", [bench.friction_finding()])
     assert report.page(subject(model, shown, verdict)) == report.page(subject(model, shown, verdict))

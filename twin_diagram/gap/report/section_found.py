@@ -14,7 +14,13 @@ from twin_diagram.gap.report.subject import Subject
 def found(subject: Subject) -> str:
     """Return the effects, each with its sentence, parameters and probability."""
     verdict = subject.verdict
-    if verdict.verdict == "none":
+    if verdict.verdict == "none" and verdict.recorded is not None:
+        body = (
+            '<p class="lead">These runs leave no more torque unexplained than was left when this model was corrected, '
+            "so nothing new has a name. What is left may be more than noise: it had no name then, and has none now. "
+            "This speaks of the motions in these runs alone.</p>"
+        )
+    elif verdict.verdict == "none":
         body = (
             '<p class="lead">The torque that the motors gave is what the model says that these motions take, but for '
             "noise: a test that is calibrated on clean runs finds no structure in what is left. This speaks of "

@@ -51,7 +51,8 @@ def summary(verdict: Verdict) -> str:
     parts += [f"{_listed(words)} {on}" for on, words in alike.items()]
     if len(sure) < len(verdict.findings):
         parts.append("something more that can be guessed at only")
-    parts.append("structure left that has no name" if verdict.remainder else "little left")
+    little = "little left" if verdict.recorded is None else "no more left than when the model was corrected"
+    parts.append("structure left that has no name" if verdict.remainder else little)
     return "; ".join(parts)
 
 
