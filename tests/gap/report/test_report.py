@@ -197,6 +197,17 @@ def test_several_joints_are_lines_of_one_table(model: Model, shown: Shown) -> No
     assert "In all of these there is dry friction" not in text
 
 
+def test_several_links_are_lines_of_one_table_and_not_told_one_by_one(model: Model, shown: Shown) -> None:
+    mass, com = Estimate(32.0, 24.0, "kg"), Estimate([0.1, 0.0, 0.0], [0.2, 0.1, 0.1], "m")
+    inertia = Estimate([0.0] * 6, [0.01] * 6, "kg·m²")
+    each = {key: {"upper": x, "lower": x} for key, x in (("mass", mass), ("com", com), ("inertia", inertia))}
+    links = Finding("inertial_parameters", (), ("upper", "lower"), each, 0.999)
+    text = read(report.page(subject(model, shown, bench.verdict("named", [links]))))
+    assert "upper and lower is other than described; motion tells sums of these numbers better than each" in text
+    assert "+32" not in text, "no mass without its error"
+    assert "link" + "mass" + "centre of mass" + "inertia" + "upper32 ± 24 kg" in text and "joint" + "mass" not in text
+
+
 def test_a_lost_arm_says_no_more_than_that() -> None:
     svg = charts.bars(["a", "b"], np.array([4e5, 2.0]), np.array([3.0, 1.0]), None, "mrad", most=3141.6)
     assert "&gt; 3142 mrad" in svg and "e+05" not in svg and "2.00 mrad" in svg

@@ -57,7 +57,7 @@ def found(subject: Subject) -> str:
 
 
 def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
-    sentence = sentence_of(finding, prismatic)
+    sentence = _of_links(finding) if len(finding.links) > 1 else sentence_of(finding, prismatic)
     only = bool(finding.joints) and prismatic.issuperset(finding.joints)
     when = words.duration(finding, several)
     when = f", {when}" if when and " from " not in sentence else ""
@@ -83,6 +83,14 @@ def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
     )
 
 
+def _of_links(finding: Finding) -> str:
+    """Return what is said of several links at once, whose numbers no motion tells one by one."""
+    return (
+        f"the inertia of {words.listed(finding.links)} is other than described; motion tells sums of these numbers "
+        "better than each alone, so their errors go together"
+    )
+
+
 def _whichever(finding: Finding) -> str:
     """Return what is sure where only kinds and joints of dry friction compete.
 
@@ -94,21 +102,22 @@ def _whichever(finding: Finding) -> str:
 
 
 def _parameters(finding: Finding, prismatic: frozenset[str]) -> str:
-    """Return a line per joint where there are several, else one per parameter."""
+    """Return a line per joint or link where there are several, else one per parameter."""
     slide = [joint in prismatic for joint in finding.joints]
     kinds = {"prismatic": any(slide), "turning": not all(slide) or not slide}
     values = finding.parameters.items()
     per_joint = {key: value for key, value in values if not isinstance(value, Estimate)}
-    if len(finding.joints) > 1 and len(per_joint) == len(finding.parameters):
+    places, kind = (finding.joints, "joint") if finding.joints else (finding.links, "link")
+    if len(places) > 1 and len(per_joint) == len(finding.parameters):
         head = "".join(f"<th>{escape(words.parameter(finding.name, key, **kinds))}</th>" for key in per_joint)
         rows = "".join(
-            f"<tr><td>{escape(joint)}</td>"
-            + "".join(f"<td>{_estimate(value[joint]) if joint in value else ''}</td>" for value in per_joint.values())
+            f"<tr><td>{escape(place)}</td>"
+            + "".join(f"<td>{_estimate(value[place]) if place in value else ''}</td>" for value in per_joint.values())
             + "</tr>"
-            for joint in finding.joints
-            if any(joint in value for value in per_joint.values())
+            for place in places
+            if any(place in value for value in per_joint.values())
         )
-        return f"<table><tr><th>joint</th>{head}</tr>{rows}</table>"
+        return f"<table><tr><th>{kind}</th>{head}</tr>{rows}</table>"
     rows = ""
     for key, value in values:
         each = [("", value)] if isinstance(value, Estimate) else list(value.items())
@@ -116,7 +125,7 @@ def _parameters(finding: Finding, prismatic: frozenset[str]) -> str:
             place = f"<td>{escape(joint)}</td>" if per_joint else ""
             said = escape(words.parameter(finding.name, key, **kinds))
             rows += f"<tr><td>{said}</td>{place}<td>{_estimate(estimate)}</td></tr>"
-    joint = "<th>joint</th>" if per_joint else ""
+    joint = f"<th>{kind}</th>" if per_joint else ""
     return f"<table><tr><th>parameter</th>{joint}<th>value ± standard error</th></tr>{rows}</table>"
 
 
