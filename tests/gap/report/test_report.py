@@ -180,6 +180,16 @@ def test_one_joint_mended_at_anothers_cost_denies_a_name(shown: Shown) -> None:
         assert accepted(verdict, tried) == allowed
 
 
+def test_a_gap_that_a_corrected_model_makes_counts(shown: Shown) -> None:
+    """Where the given one left noise alone."""
+    made = np.array(shown.holdout.after)
+    made[:, 0] = 30.0 * NOISE * np.where(np.arange(len(made)) % 2, 1.0, -1.0)
+    worse = replace(shown, holdout=replace(shown.holdout, after=made))
+    before, after = (above_noise(x, NOISE) for x in worse.holdout_rms())
+    assert shown.left_over() < 0.05
+    assert worse.left_over() == pytest.approx(np.linalg.norm(after) / np.linalg.norm(before), rel=1e-6)
+
+
 @pytest.mark.long
 def test_several_joints_are_lines_of_one_table(model: Model, shown: Shown) -> None:
     """A column per parameter, and what is sure although the kind of dry friction is not."""
@@ -356,6 +366,18 @@ def test_onset_says_its_log_where_there_are_several(model: Model) -> None:
     shown = show(model, model, logs[:2], logs[2], np.full(2, 0.05))
     verdict = bench.verdict("named", [bench.friction_finding(onset=bench.begin(1, 8.0))])
     assert gap_json.contents(verdict, shown)["effects"][0]["onset"] == {"log": 1, "time": 8.0}
+
+
+def test_a_page_counts_logs_as_gap_json_does(model: Model) -> None:
+    """One that went silent was parted into two runs, but is one file."""
+    logs = [replace(bench.run(model, seed=k, duration=3.0), source=name) for k, name in enumerate("aabh")]
+    shown = show(model, model, logs[:3], logs[3], np.full(2, 0.05))
+    late = bench.verdict("named", [bench.friction_finding(onset=bench.begin(2, 1.5))])
+    late = replace(late, where=(replace(late.where[0], log=2),))
+    text = read(report.page(subject(model, shown, late)))
+    assert "against 2 fitted runs" in text and "s of log 2 on" in text and "7.10 s of log 2" in text
+    one = replace(shown, fit=shown.fit[:2])
+    assert "of log" not in read(report.page(subject(model, one, bench.verdict("unknown"))))
 
 
 def test_no_number_that_is_not_json(shown: Shown) -> None:

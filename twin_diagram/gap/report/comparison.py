@@ -119,10 +119,12 @@ class Shown:
     def left_over(self) -> float:
         """Return the share of the held-out gap above the noise that is left, all joints together.
 
-        1 where there was none. Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
+        1 where there was none. Joints count in units of their noise, so that a wrist weighs as much as a shoulder, and
+        where the corrected model makes a gap of what was none, it counts, too.
         """
         before, after = (above_noise(x, self.noise_floor) / self.noise_floor for x in self.holdout_rms())
-        before, after = before[self.has_gap()], after[self.has_gap()]
+        there = self.has_gap() | self.worse()
+        before, after = before[there], after[there]
         whole = float(np.linalg.norm(before))
         return float(np.linalg.norm(after)) / whole if whole > 0.0 else 1.0
 

@@ -51,7 +51,7 @@ def _size(headline: str) -> str:
 
 
 def _runs_in_words(subject: Subject) -> str:
-    count = len(subject.shown.fit)
+    count = max(subject.files) + 1
     return f"{count} fitted run{'s' if count > 1 else ''} and one held out"
 
 
@@ -63,7 +63,7 @@ def _tiles(subject: Subject) -> str:
     tiles = []
     if subject.changed:
         closed = words.percent(max(1.0 - shown.left_over(), 0.0))
-        there = bool(np.any(shown.has_gap()))
+        there = bool(np.any(shown.has_gap() | shown.worse()))
         tiles += [
             (closed, "of the gap above the noise is closed on the run that was held out")
             if there

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 
 from twin_diagram.gap.candidates.records import record_of
@@ -45,7 +47,8 @@ def found(subject: Subject) -> str:
             f'<p class="lead">{lead}, named relative to the given model: what must be added to it to explain the '
             "measured torque.</p>"
             + "".join(
-                _finding(finding, len(subject.shown.fit) > 1, subject.given.prismatic) for finding in verdict.findings
+                _finding(_by_file(finding, subject.files), max(subject.files) > 0, subject.given.prismatic)
+                for finding in verdict.findings
             )
         )
     if verdict.remainder:
@@ -54,6 +57,12 @@ def found(subject: Subject) -> str:
             "there that the catalogue does not hold; the blue dots in the pictures show it.</p>"
         )
     return f'<section id="found"><h2>What was found</h2>{body}</section>'
+
+
+def _by_file(finding: Finding, files: Sequence[int]) -> Finding:
+    """Return a finding whose moments tell files as gap.json does, not the stretches that one is parted into."""
+    onset, end = (when and replace(when, log=files[when.log]) for when in (finding.onset, finding.end))
+    return replace(finding, onset=onset, end=end)
 
 
 def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
@@ -158,11 +167,11 @@ def where(subject: Subject) -> str:
     places = [place for place in subject.verdict.where if place.share > 0.005][:8]
     if not places:
         return ""
-    several = len(subject.shown.fit) > 1
+    files = subject.files
     rows = "".join(
         f"<tr><td>{escape(place.joint)}</td><td>{charts.share_bar(place.share)} {words.percent(place.share)}</td>"
         f"<td>{escape(place.condition)}</td><td>{place.time[0]:.2f} to {place.time[1]:.2f} s"
-        f"{f' of log {place.log + 1}' if several else ''}</td></tr>"
+        f"{f' of log {files[place.log] + 1}' if max(files) else ''}</td></tr>"
         for place in places
     )
     return (

@@ -33,7 +33,7 @@ def sizes(subject: Subject) -> str:
             charts.bars(shown.joints, before, after, shown.noise_floor, efforts, changed),
         ),
         (
-            f"Residual {effort(shown)}, fitted run{'s' if len(shown.fit) > 1 else ''}",
+            f"Residual {effort(shown)}, fitted run{'s' if max(subject.files) else ''}",
             charts.bars(shown.joints, fit_before, fit_after, shown.noise_floor, efforts, changed),
         ),
     ]
