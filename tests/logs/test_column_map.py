@@ -88,7 +88,7 @@ def test_published_layouts_are_read(write: Callable[..., Path], given: Any, has_
         (tmp_path / "map.yaml").write_text(yaml.safe_dump(given))
         given = tmp_path / "map.yaml"
     log = read_log(path, given)
-    assert log.numbered and len(log.joints) == n
+    assert log.numbered and len(log.joints) == n and log.link_side == (write is not ur_rtde)
     np.testing.assert_allclose(log.time, t, atol=3e-7)
     np.testing.assert_allclose(log.position, q, rtol=1e-12)
     np.testing.assert_allclose(log.motor_torque, tau, rtol=1e-12)

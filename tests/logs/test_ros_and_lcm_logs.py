@@ -269,8 +269,9 @@ def test_an_lcm_log_holds_what_went_in(tmp_path: Path, make: Callable[[Log, int]
     messages.insert(0, (channel, lcmt_panda_status().encode()))  # the arm is not there yet
     found = read_log(write_lcm(tmp_path / "lcmlog-2026-01-01.00", messages))
     assert found.numbered
-    model, log, warnings = load_model_for(found, PANDA)
-    assert warnings == []
+    model, log, [warning] = load_model_for(found, PANDA)
+    assert warning.code == "torque_side" and "--torque-side link" in warning.message
+    assert load_model_for(found, PANDA, torque_side="link")[2] == []
     same(log, HEALTHY)
     assert log.position_commanded is not None
     assert np.array_equal(log.position_commanded, HEALTHY.position)
