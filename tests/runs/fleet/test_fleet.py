@@ -115,6 +115,15 @@ def test_what_hangs_is_ended() -> None:
     assert work._run([sys.executable, "-c", "import sys; sys.exit('why')"], 60.0) == (1, "", "why")
 
 
+def test_what_is_killed_is_said_to_be(three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where memory is short; what it was at is no reason."""
+    dies = "import os, sys; print('searching for a name', file=sys.stderr, flush=True); os.kill(os.getpid(), 9)"
+    monkeypatch.setattr(work, "COMMAND", (sys.executable, "-c", dies))
+    visit = read_fleet(three)[0]
+    line = work.work(visit, tmp_path / "out", (), 60.0)
+    assert (line.verdict, line.headline) == ("failed", "gap was ended by a signal: Killed")
+
+
 HANGS = """
 import os, subprocess, sys, time
 from pathlib import Path
