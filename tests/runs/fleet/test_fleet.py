@@ -115,6 +115,12 @@ def test_what_hangs_is_ended() -> None:
     assert work._run([sys.executable, "-c", "import sys; sys.exit('why')"], 60.0) == (1, "", "why")
 
 
+def test_a_robot_may_take_as_long_as_it_likes(three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(work, "COMMAND", (sys.executable, "-c", "import sys; sys.exit('why')"))
+    lines = fleet.run_fleet(three, tmp_path / "out", timeout=float("inf"))
+    assert [line.headline for line in lines] == ["gap ended with status 1: why"] * 3
+
+
 def test_what_is_killed_is_said_to_be(three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where memory is short; what it was at is no reason."""
     dies = "import os, sys; print('searching for a name', file=sys.stderr, flush=True); os.kill(os.getpid(), 9)"
