@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,8 @@ from tests.gap.made import (
     disagreement,
     effect,
     law,
+    record,
+    swing,
     swinging,
     terms_of,
     told,
@@ -39,6 +42,7 @@ from twin_diagram.gap.candidates.given_link import link_inertia
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects.link_inertia import about_centre, about_origin
+from twin_diagram.model.model import Model
 from twin_diagram.model.rigid_body.kinematic_tree import Kinematics
 from twin_diagram.scenario import EffectSpec
 
@@ -339,6 +343,24 @@ def test_a_push_is_power_over_speed(body: int) -> None:
     np.testing.assert_array_equal(force.spread, wrench.spread[:3])
     for some in (force, wrench):
         assert some.allows(np.full(some.size, 1e6)) and some.allows(np.full(some.size, -1e6))
+
+
+OFF = """<mujoco><worldbody><body name="base"><geom type="box" size=".05 .05 .05" mass="1"/>
+<body name="upper" pos="0 0 .3"><joint name="one" axis="0 1 0" pos="0.1 0.05 -0.2"/>
+<inertial pos="0 0 .2" mass="2" diaginertia=".02 .02 .01"/>
+<body name="lower" pos="0 0 .4"><joint name="two" axis="0 1 0" pos="0 0 -0.1"/>
+<inertial pos="0 0 .1" mass="1" diaginertia=".01 .01 .01"/></body></body></body></worldbody></mujoco>"""
+"""Whose joints are not at their links' origins."""
+
+
+def test_a_push_is_at_the_links_origin_wherever_its_joint_is(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(OFF)
+    model = Model.load(tmp_path / "arm.xml")
+    time, *motion = swing(3.0)
+    records = Records(model, (record(model, time, *(x[:, :2] for x in motion)),))
+    for candidate in external_force.external_forces(terms_of(records)):
+        c = [10.0, -20.0, 30.0, 1.0, 2.0, -3.0][: candidate.size]
+        assert disagreement(terms_of(records), candidate, c) < 1e-6
 
 
 def test_a_payload_is_put_down_as_it_was_picked_up() -> None:

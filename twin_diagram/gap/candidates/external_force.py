@@ -29,13 +29,16 @@ def external_forces(terms: Terms) -> list[Candidate]:
     spread = np.concatenate([np.full(3, weight), np.full(3, 0.2 * weight * reach(terms))])
     result = []
     for body in range(terms.records.n):
+        # Where a joint is not at its link's origin, as in MJCF, the body's own frame is not the link's.
+        origin = np.asarray(model.bodies.body_of(tree.link[body])[1].translation())
 
-        def law(record: Record, body: int = body) -> Array:
+        def law(record: Record, body: int = body, origin: Array = origin) -> Array:
             motion = Kinematics.of(tree, record.q.T)
             moved = motion.ancestors[body][:, None]
+            place = (np.einsum("abn,b->an", motion.R[:, :, body], origin) + motion.p[:, body]).T
             columns = np.empty((*record.q.shape, 6))
             for k, axis in enumerate(np.eye(3)):
-                arm = np.cross(motion.p[:, body].T, axis)
+                arm = np.cross(place, axis)
                 columns[..., k] = -(moved * (motion.linear[k] + np.einsum("na,ain->in", arm, motion.angular))).T
                 columns[..., 3 + k] = -(moved * motion.angular[k]).T
             return columns
