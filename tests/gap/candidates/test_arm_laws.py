@@ -338,6 +338,7 @@ def test_a_push_is_power_over_speed(body: int) -> None:
     assert disagreement(terms, force, list(c[:3])) < 1e-6
     np.testing.assert_array_equal(told(force, c[:3])["wrench"], [10.0, -20.0, 30.0, 0.0, 0.0, 0.0])
     np.testing.assert_array_equal(told(wrench, c)["wrench"], c)
+    np.testing.assert_array_equal(told(force, c[:3])["point"], [0.0, 0.0, 0.0])
     weight = 9.81 * (0.3 * MASSES.max() + 0.5)
     np.testing.assert_allclose(wrench.spread, [weight] * 3 + [0.2 * weight * length()] * 3, rtol=1e-6)
     np.testing.assert_array_equal(force.spread, wrench.spread[:3])

@@ -52,7 +52,7 @@ def external_forces(terms: Terms) -> list[Candidate]:
             spread=spread,
             lower=np.full(6, -np.inf),
             upper=np.full(6, np.inf),
-            parameters=transformed(lambda c: {"wrench": c}),
+            parameters=transformed(lambda c: {"wrench": c, "point": np.zeros(3)}),
         )
         force = replace(
             wrench,
@@ -60,7 +60,7 @@ def external_forces(terms: Terms) -> list[Candidate]:
             spread=spread[:3],
             lower=wrench.lower[:3],
             upper=wrench.upper[:3],
-            parameters=transformed(lambda c: {"wrench": np.concatenate([c, np.zeros(3)])}),
+            parameters=transformed(lambda c: {"wrench": np.concatenate([c, np.zeros(3)]), "point": np.zeros(3)}),
         )
         result += [force, wrench]
     return result
@@ -69,10 +69,12 @@ def external_forces(terms: Terms) -> list[Candidate]:
 def sentence(effect: Effect) -> str:
     """Return its wrench, and when it acts."""
     fx, fy, fz, mx, my, mz = effect.value("wrench")
+    point = effect.value("point")
+    where = f" at ({', '.join(f'{x:.4g}' for x in point)}) m" if np.any(point) else ""
     when = "" if effect.onset is None else f" from {effect.onset:.4g} s on"
     when += "" if effect.end is None else f" until {effect.end:.4g} s"
     return (
-        f"something pushes {effect.links[0]} with ({fx:.4g}, {fy:.4g}, {fz:.4g}) N and turns it with "
+        f"something pushes {effect.links[0]}{where} with ({fx:.4g}, {fy:.4g}, {fz:.4g}) N and turns it with "
         f"({mx:.4g}, {my:.4g}, {mz:.4g}) N·m, in world axes{when}"
     )
 
@@ -83,9 +85,11 @@ register(
         title="A push from outside",
         explanation="Something pushed or pulled at a link for a while.",
         sentence=sentence,
+        keys={"point": "where it is told of, in the link's frame"},
         once=True,
         merge=beside,
         per_joint=False,
+        fixed=frozenset({"point"}),
         wakes=frozenset({Wakes.TIME}),
     )
 )
