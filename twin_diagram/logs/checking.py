@@ -42,7 +42,7 @@ class LogWarning:
 
     Attributes:
         code: `gap`, `jitter`, `beyond_limits`, `torque_beyond_limits`, `velocity_scale`, `no_motion`, `no_torque`,
-            `unknown_joint`, `left_out`, `wrapped`, `parted`, `spike`.
+            `unknown_joint`, `left_out`, `wrapped`, `parted`, `spike`, `torque_side`.
         message: one line.
         joint: that it is about, or empty.
     """

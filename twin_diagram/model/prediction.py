@@ -265,6 +265,9 @@ def as_explained(model: Model, log: Log, constants: TorqueConstants | None = Non
     """
     log = log if constants is None else constants.applied(log, model.joints)
     warnings = check(log, model.limits)
+    if log.link_side and not model.arm.link_side:
+        message = f"{log.source}: its torques are measured behind the gears, where no rotor shows: --torque-side link"
+        warnings.append(LogWarning("torque_side", message))
     own, wrapped = unwrapped(log.select(model.joints), model.limits.revolute)
     return own, warnings + wrapped
 

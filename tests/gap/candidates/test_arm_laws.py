@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +43,7 @@ from twin_diagram.gap.candidates.given_link import link_inertia
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects.link_inertia import about_centre, about_origin
+from twin_diagram.model.model import Model
 from twin_diagram.model.rigid_body.kinematic_tree import Kinematics
 from twin_diagram.scenario import EffectSpec
 
@@ -337,11 +339,31 @@ def test_a_push_is_power_over_speed(body: int) -> None:
     assert disagreement(terms, force, list(c[:3])) < 1e-6
     np.testing.assert_array_equal(told(force, c[:3])["wrench"], [10.0, -20.0, 30.0, 0.0, 0.0, 0.0])
     np.testing.assert_array_equal(told(wrench, c)["wrench"], c)
+    np.testing.assert_array_equal(told(force, c[:3])["point"], [0.0, 0.0, 0.0])
     weight = 9.81 * (0.3 * MASSES.max() + 0.5)
     np.testing.assert_allclose(wrench.spread, [weight] * 3 + [0.2 * weight * length()] * 3, rtol=1e-6)
     np.testing.assert_array_equal(force.spread, wrench.spread[:3])
     for some in (force, wrench):
         assert some.allows(np.full(some.size, 1e6)) and some.allows(np.full(some.size, -1e6))
+
+
+OFF = """<mujoco><worldbody><body name="base"><geom type="box" size=".05 .05 .05" mass="1"/>
+<body name="upper" pos="0 0 .3"><joint name="one" axis="0 1 0" pos="0.1 0.05 -0.2"/>
+<inertial pos="0 0 .2" mass="2" diaginertia=".02 .02 .01"/>
+<body name="lower" pos="0 0 .4"><joint name="two" axis="0 1 0" pos="0 0 -0.1"/>
+<inertial pos="0 0 .1" mass="1" diaginertia=".01 .01 .01"/></body></body></body></worldbody></mujoco>"""
+"""Whose joints are not at their links' origins."""
+
+
+def test_a_push_is_at_the_links_origin_wherever_its_joint_is(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(OFF)
+    model = Model.load(tmp_path / "arm.xml")
+    time, *motion = swing(3.0)
+    records = Records(model, (record(model, time, *(x[:, :2] for x in motion)),))
+    terms = terms_of(records)
+    for candidate in external_force.external_forces(terms) + external_force.forces_at_centres(terms):
+        c = [10.0, -20.0, 30.0, 1.0, 2.0, -3.0][: candidate.size]
+        assert disagreement(terms, candidate, c) < 1e-6
 
 
 def test_a_payload_is_put_down_as_it_was_picked_up() -> None:

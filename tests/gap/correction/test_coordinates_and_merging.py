@@ -112,6 +112,16 @@ def test_a_curves_angles_stay() -> None:
     assert moved == [-1.0, 0.0, 1.0, 1.0, 2.0, 3.0]
 
 
+def test_the_point_that_a_wrench_is_told_about_stays() -> None:
+    wrench = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    spec = EffectSpec("external_force", [], ["hand"], {"wrench": wrench, "point": [0.0, 0.1, 0.0]}, onset=1.0, end=2.0)
+    part = Coordinates.of(ARM, spec)
+    np.testing.assert_array_equal(part.start(), wrench)
+    assert all(len(x) == 6 for x in part.prior())
+    moved = part.effect(part.start() + 1.0).parameters
+    assert moved["point"] == [0.0, 0.1, 0.0] and moved["wrench"][0] == 2.0
+
+
 @pytest.mark.parametrize(
     ("part", "vector", "values"),
     [

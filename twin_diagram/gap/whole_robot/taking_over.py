@@ -79,21 +79,20 @@ def taken_over(
     return as_named(records, verdict, whole), whole.model, whole
 
 
-def as_named(records: Records, verdict: Verdict, whole: WholeRobot, recorded: Array | float = 0.0) -> Verdict:
+def as_named(records: Records, verdict: Verdict, whole: WholeRobot, recorded: Array | None = None) -> Verdict:
     """Return the verdict that names what was found of the robot as a whole.
 
     Args:
         records: of the fit.
         verdict: whose noise floor holds.
         whole: what was found.
-        recorded: (n,) what the given model is known to leave anyway [N·m].
+        recorded: (n,) what the given model is known to leave anyway [N·m]; None: nothing is known of it.
     """
-    floor = np.maximum(verdict.noise_floor, recorded)
+    floor = verdict.noise_floor if recorded is None else np.maximum(verdict.noise_floor, recorded)
     remainder = bool(np.any(whole.fitted > TUNING.above * floor))
     where = verdict.where or places(records, whole)
-    return replace(
-        verdict, verdict="named", remainder=remainder, findings=whole.findings, separation=whole.separation, where=where
-    )
+    named = replace(verdict, verdict="named", remainder=remainder, findings=whole.findings, recorded=recorded)
+    return replace(named, separation=whole.separation, where=where)
 
 
 def places(records: Records, whole: WholeRobot) -> tuple[Place, ...]:
