@@ -169,9 +169,7 @@ def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_wor
         assert [one.state for one in kept.learned] == [expected] and kept.world["positions"].tolist() == [1.0, 2.0]
 
 
-def test_no_asset_is_written_between_a_signal_and_the_arms_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_asset_is_written_between_a_signal_and_the_arms_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run, done, finished = learner(Bin([]), tmp_path / "run", monkeypatch), [Done("object_01", None)], list[str]()
     run.state.learned = [Learned("object_01")]
     run.record.save(run.state)
