@@ -124,9 +124,7 @@ def _honest(done: Sequence[Row]) -> Iterator[str]:
     yield f"worse by more than 5 points: {count} of {len(done)}, by up to {100 * max(worse, default=0.0):.0f}, aim none"
     held = np.array([row["held"] for row in done if row["held"]])
     if len(held):
-        shares = ", ".join(
-            f"{name} {100 * part:.0f}" for name, part in zip(PARAMETERS, held.mean(axis=0), strict=True)
-        )
+        shares = ", ".join(f"{name} {100 * part:.0f}" for name, part in zip(PARAMETERS, held.mean(axis=0), strict=True))
         yield f"95 % intervals that hold the truth, % of {len(held)}: {shares}; aim 88 to 99"
 
 
