@@ -42,9 +42,6 @@ class Tuning:
     places: tuple[tuple[float, float, float], ...] = ((0.45, 0.0, 0.55), (0.5, 0.0, 0.5), (0.4, 0.0, 0.6))
     """Of the finger tips about which it is swung [m]: high over everything."""
 
-    guess: float = 0.5
-    """Mass that it is taken to have before the first weighing [kg]."""
-
     heaviest: float = 2.5
     """What the first weighing may say at most [kg]."""
 
