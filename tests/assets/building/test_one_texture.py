@@ -174,6 +174,19 @@ def test_without_a_picture_a_ply_files_vertices_have_its_colours(tmp_path: Path)
     made = ply(tmp_path, False, False, coloured=True)
     assert made.image is None and made.uv is None
     np.testing.assert_allclose(made.colours, np.tile([200, 10, 20], (2, 1)) / 255)
+    older = (tmp_path / "a.ply").read_text().replace("uchar red", "uchar diffuse_red")
+    (tmp_path / "a.ply").write_text(
+        older.replace("uchar green", "uchar diffuse_green").replace("uchar b", "uchar diffuse_b")
+    )
+    np.testing.assert_array_equal(read_source(tmp_path / "a.ply").parts[0].colours, made.colours)
+
+
+def test_an_obj_files_vertices_may_have_bytes(tmp_path: Path) -> None:
+    for name, rgb in (("shares", "0.8 0.4 0.2"), ("bytes", "204 102 51"), ("beyond", "0.8 0.4 1.0001")):
+        rows = [f"v {at} {rgb}" for at in CORNERS]
+        (tmp_path / f"{name}.obj").write_text("\n".join([*rows, "f 1 3 2", "f 1 2 4"]))
+        (made,) = read_source(tmp_path / f"{name}.obj").parts
+        np.testing.assert_allclose(made.colours, np.tile([0.8, 0.4, 1.0 if name == "beyond" else 0.2], (2, 1)))
 
 
 def test_a_broken_picture_in_a_gltf_is_said_to_be_so(tmp_path: Path) -> None:

@@ -150,10 +150,11 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool, image: Image | N
     import trimesh
 
     try:
-        kind = path.suffix.lower()[1:]
-        loaded = trimesh.load(
-            io.BytesIO(path.read_bytes()), file_type=kind, resolver=beside, force="scene", process=False, **how
-        )
+        kind, data = path.suffix.lower()[1:], path.read_bytes()
+        if kind == "ply":  # older programs' names of colours
+            head, end, body = data.partition(b"end_header")
+            data = head.replace(b" diffuse_", b" ") + end + body
+        loaded = trimesh.load(io.BytesIO(data), file_type=kind, resolver=beside, force="scene", process=False, **how)
         placed = [
             (loaded.geometry[name], X) for X, name in (loaded.graph[node] for node in loaded.graph.nodes_geometry)
         ]
