@@ -26,6 +26,7 @@ LEFT_OUT = (
     *("logs", "scenario", "scenario_file", "scenario_values"),
     *("description", "model_folder", "unread", "model/description"),
     *("assets/command", "assets/library", "assets/building/source_mesh", "assets/building/write_asset"),
+    *("assets/building/gltf_file", "assets/building/named_files", "assets/building/mesh_parts"),
     *("planning/grasps/command", "planning/grasps/page", "planning/grasps/kept_grasps"),
     *("assets/building/from_mesh", "assets/building/vhacd_process"),
     *("assets/asset", "assets/description", "gap/correction/named_effects", "gap/named"),

@@ -163,8 +163,11 @@ def parse_obj(path: Path) -> ObjText:
     every = np.array(corners)
     if (every >= [len(v), len(vt), len(vn)]).any() or every[:, 0].min() < 0 or not np.isfinite(v).all():
         raise AssetError(f"{path}: a face names a vertex that is not there, or a vertex is not finite")
-    coloured = all(len(row) >= 6 for row in raw["v"])
-    colours = np.clip(np.array([row[3:6] for row in raw["v"]]), 0.0, 1.0) if coloured else None
+    colours = None
+    if all(len(row) >= 6 for row in raw["v"]):
+        colours = np.array([row[3:6] for row in raw["v"]])
+        # Some programs write bytes; shares may be a little beyond 1.
+        colours = np.clip(colours / (255.0 if colours.max(initial=0.0) > 2.0 else 1.0), 0.0, 1.0)
     return ObjText(v, colours, vt, vn, every.reshape(-1, 3, 3), tuple(materials), tuple(libraries))
 
 

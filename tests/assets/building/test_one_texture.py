@@ -94,7 +94,7 @@ def test_gltf_materials(tmp_path: Path) -> None:
     np.testing.assert_allclose(red.colours, np.tile([1, 0, 0], (12, 1)), atol=0.01)
     (both,) = read_source(tmp_path / "both.glb").parts
     assert both.image is not None and both.uv is not None
-    np.testing.assert_allclose(both.image[0, 0], [200, 100, 0], atol=1.5)
+    np.testing.assert_allclose(both.image[0, 0], [200, 147, 0], atol=1.5)  # half of the light, not of the number
     # Who wants the shape alone gets the same triangles without either.
     (plain,) = read_source(tmp_path / "both.glb", looks=False).parts
     assert plain.image is None and plain.uv is None
@@ -174,6 +174,19 @@ def test_without_a_picture_a_ply_files_vertices_have_its_colours(tmp_path: Path)
     made = ply(tmp_path, False, False, coloured=True)
     assert made.image is None and made.uv is None
     np.testing.assert_allclose(made.colours, np.tile([200, 10, 20], (2, 1)) / 255)
+    older = (tmp_path / "a.ply").read_text().replace("uchar red", "uchar diffuse_red")
+    (tmp_path / "a.ply").write_text(
+        older.replace("uchar green", "uchar diffuse_green").replace("uchar b", "uchar diffuse_b")
+    )
+    np.testing.assert_array_equal(read_source(tmp_path / "a.ply").parts[0].colours, made.colours)
+
+
+def test_an_obj_files_vertices_may_have_bytes(tmp_path: Path) -> None:
+    for name, rgb in (("shares", "0.8 0.4 0.2"), ("bytes", "204 102 51"), ("beyond", "0.8 0.4 1.0001")):
+        rows = [f"v {at} {rgb}" for at in CORNERS]
+        (tmp_path / f"{name}.obj").write_text("\n".join([*rows, "f 1 3 2", "f 1 2 4"]))
+        (made,) = read_source(tmp_path / f"{name}.obj").parts
+        np.testing.assert_allclose(made.colours, np.tile([0.8, 0.4, 1.0 if name == "beyond" else 0.2], (2, 1)))
 
 
 def test_a_broken_picture_in_a_gltf_is_said_to_be_so(tmp_path: Path) -> None:

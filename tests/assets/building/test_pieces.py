@@ -127,3 +127,15 @@ def test_pieces_grow_to_hold_what_lies_outside_of_all() -> None:
     first, second = holding([one, two], points)
     assert depth(first, points[1:]).max() < 0 and ConvexHull(first).volume == pytest.approx(1.0)
     assert depth(second, points[:1]).max() < 1e-9 and ConvexHull(second).volume == pytest.approx(1 + 0.1 / 3)
+
+
+def test_a_dent_is_as_deep_where_only_some_points_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    top = ball.vertices[:, 2] > 0.03
+    dented = np.where(top[:, None], ball.vertices * [1.0, 1.0, -1.0] + [0.0, 0.0, 0.06], ball.vertices)
+    hull = hull_of(dented)
+    points = spread(dented[ball.faces], 0.001)
+    whole = pieces.dent(hull, points)
+    assert whole == pytest.approx(0.019, abs=0.002)
+    monkeypatch.setattr(pieces, "TUNING", replace(pieces.TUNING, products=4_000 * len(hull.equations)))
+    assert pieces.dent(hull, points) == pytest.approx(whole, abs=0.001)

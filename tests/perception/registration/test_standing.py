@@ -23,6 +23,8 @@ SIZE = np.array([0.06, 0.1, 0.16])
 TABLE = Plane(np.array([0.0, 0.0, 1.0]), 0.0, 1.0)
 EYE = np.array([0.0, -0.8, 0.7])
 NOISE = DepthSigma(0.0, 0.0038, 0.0, 0.6, 0.3)
+SIGMA = 0.0038
+"""Its deviation a metre off [m]."""
 
 
 def box(size: Array = SIZE, count: int = 4000, rough: float = 0.0) -> Any:
@@ -54,6 +56,20 @@ def image_covariance(p: Array, sight: float = 0.004, across: float = 0.0006) -> 
     C[:3, :3] = np.radians(1.5) ** 2 * np.eye(3)
     C[3:, 3:] = across**2 * np.eye(3) + sight**2 * np.outer(along, along)
     return C
+
+
+def camera_at(z: float) -> Any:
+    """Return a camera for which everything lies at one depth z."""
+    return SimpleNamespace(depth_noise=NOISE, project=lambda p: (0.0, 0.0, z), width=8, height=8)
+
+
+def test_noise_is_that_of_the_depth_along_the_optical_axis() -> None:
+    p = np.array([0.1, 0.05, 0.08])
+    one = posed(np.eye(3), p + [0.0, 0.002, 0.002], image_covariance(p))
+    for z in (0.5, 2.0):
+        seen = replace(Segments.empty(camera_at(z), 2), planes=(TABLE,))
+        held = stood(footings(box()), False, one, TABLE, 0.0038 * z**2)
+        np.testing.assert_array_equal(standing(footings(box()), False, one, seen).covariance, held.covariance)
 
 
 @pytest.mark.parametrize("rough", [0.0, 0.0002])
@@ -89,7 +105,7 @@ def test_waves_along_the_sight_are_taken_out_and_claims_stay_honest() -> None:
         error = np.linalg.cholesky(C) @ rng.standard_normal(6)
         one = posed(exp(-error[:3]) @ R, p - error[3:], C)
         plane = Plane(TABLE.normal, float(TUNING.place * rng.standard_normal()), 1.0)
-        result = stood(feet, False, one, plane, NOISE, EYE)
+        result = stood(feet, False, one, plane, SIGMA)
         left = np.append(log((R @ result.R.T)[None])[0], p - result.p)
         before.append(np.linalg.norm(error[3:]))
         after.append(np.linalg.norm(left[3:]))
@@ -103,10 +119,10 @@ def test_what_is_in_the_air_or_leans_stays_as_seen() -> None:
     feet, p = footings(box()), np.array([0.1, 0.05, 0.08])
     C = image_covariance(p)
     lifted = posed(np.eye(3), p + [0.0, 0.0, 0.03], C)
-    assert stood(feet, False, lifted, TABLE, NOISE, EYE) is lifted
+    assert stood(feet, False, lifted, TABLE, SIGMA) is lifted
     for angle in (0.1, 0.3):
         leaning = posed(exp(np.array([angle, 0.0, 0.0])), p + [0.0, 0.0, 0.05 * angle], C / 9.0)
-        assert stood(feet, False, leaning, TABLE, NOISE, EYE) is leaning
+        assert stood(feet, False, leaning, TABLE, SIGMA) is leaning
 
 
 def test_a_can_that_lies_keeps_its_roll() -> None:
@@ -116,7 +132,7 @@ def test_a_can_that_lies_keeps_its_roll() -> None:
     C = image_covariance(p)
     C[:3, :3] += np.outer(R[:, 2], R[:, 2])
     one = posed(exp(np.radians([1.0, 1.0, 0.0])) @ R, p + [0.0, -0.002, 0.002], C)
-    result = stood(feet, True, one, TABLE, NOISE, EYE)
+    result = stood(feet, True, one, TABLE, SIGMA)
     assert result is not one
     assert abs(result.p[2] - 0.033) < 0.0008
     assert abs(np.arcsin(result.R[2, 2])) < 0.5 * abs(np.arcsin(one.R[2, 2]))
@@ -125,7 +141,7 @@ def test_a_can_that_lies_keeps_its_roll() -> None:
 def test_of_several_planes_the_nearest_holds_it() -> None:
     feet, shelf = footings(box()), Plane(np.array([0.0, 0.0, 1.0]), 0.3, 0.2)
     lid = Plane(np.array([0.0, 0.0, 1.0]), 0.301, 0.01, part=2)
-    camera: Any = SimpleNamespace(depth_noise=NOISE, p_WC=EYE, width=8, height=8)
+    camera: Any = camera_at(0.3)
     seen = replace(Segments.empty(camera, 2), planes=(TABLE, lid, shelf))
     p = np.array([0.1, 0.05, 0.38])
     one = posed(np.eye(3), p + [0.0, 0.002, -0.002], image_covariance(p))
@@ -136,7 +152,7 @@ def test_of_several_planes_the_nearest_holds_it() -> None:
 
 def test_what_moves_is_not_held() -> None:
     feet = footings(box())
-    camera: Any = SimpleNamespace(depth_noise=NOISE, p_WC=EYE, width=8, height=8)
+    camera: Any = camera_at(0.9)
     view: Any = SimpleNamespace(segments=replace(Segments.empty(camera, 2), planes=(TABLE,)))
     known: Any = SimpleNamespace(feet=feet, model=SimpleNamespace(asset=box()))
     p = np.array([0.1, 0.05, 0.08])
@@ -150,7 +166,7 @@ def test_what_moves_is_not_held() -> None:
 def test_what_a_plane_begins_to_hold_has_not_moved() -> None:
     p = np.array([0.1, 0.05, 0.08])
     one = posed(np.eye(3), p + [0.0, 0.004, -0.004], image_covariance(p))
-    held = stood(footings(box()), False, one, TABLE, NOISE, EYE)
+    held = stood(footings(box()), False, one, TABLE, SIGMA)
     assert np.linalg.norm(held.p - one.p) > 0.003
     for first, second in ((one, held), (held, one), (held, held)):
         slot = Slot.unpack(seen(seen(Slot(), first, 1.0), second, 1.0 + 1 / 15).pack())

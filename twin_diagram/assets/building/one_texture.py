@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from twin_diagram.assets.building.source_mesh import Part
+from twin_diagram.assets.building.mesh_parts import Part
 from twin_diagram.assets.mesh import Image
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array

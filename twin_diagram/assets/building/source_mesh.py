@@ -6,20 +6,21 @@ What they name must lie in their own folder, or in one that was told.
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.assets.building.gltf import read_gltf
+from twin_diagram.assets.building.mesh_parts import TUNING as PARTS
+from twin_diagram.assets.building.mesh_parts import Part, grey
+from twin_diagram.assets.building.named_files import Beside, decoded
 from twin_diagram.assets.building.obj_materials import Material, materials_of
 from twin_diagram.assets.mesh import Image, ObjText, parse_obj
 from twin_diagram.errors import AssetError
-from twin_diagram.logs.frames.folder_files import image_of
 from twin_diagram.signals.arrays import Array
 
 
@@ -30,28 +31,8 @@ class Tuning:
     most_faces: int = 2_000_000
     """Triangles; what is finer takes minutes and gigabytes, and shows nothing that a camera sees."""
 
-    grey: float = 0.7
-    """RGB of what has no colour: light enough to be told from a shadow."""
-
 
 TUNING = Tuning()
-
-
-@dataclass(frozen=True)
-class Part:
-    """Triangles with one look, in the file's unit and axes.
-
-    Attributes:
-        corners: (F, 3, 3) of each triangle's corners the place; counter-clockwise from outside, if the file is right.
-        uv: (F, 3, 2) texture coordinates, v upwards, or None.
-        image: RGB, where there is a texture; then `uv` is there, too.
-        colours: (F, 3) RGB in [0, 1] of each triangle, where there is no texture.
-    """
-
-    corners: Array
-    uv: Array | None
-    image: Image | None
-    colours: Array
 
 
 @dataclass(frozen=True)
@@ -60,60 +41,6 @@ class Source:
 
     parts: tuple[Part, ...]
     notes: tuple[str, ...]
-
-
-PICTURES: Final = (".png", ".jpg", ".jpeg", ".webp", ".ktx2", ".tga", ".bmp", ".gif", ".tif", ".tiff")
-"""Suffixes of what materials name."""
-
-
-class Beside:
-    """Reads the files that a mesh names: only such as lie, links followed, in one folder or below.
-
-    Args:
-        mesh: that names them, from its own folder on.
-        root: the folder that holds them all; None: the mesh's own.
-        pictures: whether they are wanted.
-    """
-
-    def __init__(self, mesh: Path, root: Path | None = None, pictures: bool = True) -> None:
-        self._mesh, self._folder = mesh, mesh.parent
-        self._root, self._pictures = (mesh.parent if root is None else root).resolve(), pictures
-        self._where = "the mesh's folder" if root is None else str(root)
-        self.notes: list[str] = []
-        self.problem: AssetError | None = None
-
-    def get(self, name: str) -> bytes:
-        """Return a file's contents.
-
-        Raises:
-            AssetError: it lies elsewhere.
-            FileNotFoundError: it is not there; noted.
-        """
-        path = self._place(name.strip())
-        if not self._pictures and path.suffix.lower() in PICTURES:
-            raise FileNotFoundError(str(path))
-        try:
-            inside = path.resolve().is_relative_to(self._root)
-        except (OSError, ValueError, RuntimeError):  # a circle of links, a name with \0
-            inside = False
-        if not inside:
-            self.problem = AssetError(
-                f"{self._mesh}: names {name!r}, which lies outside of {self._where}; copy it there, named by itself, "
-                "or tell a folder that holds both, --root"
-            )
-            raise self.problem
-        if not path.is_file():
-            self.notes.append(f"{self._mesh}: names {name!r}, which is not there; built without it")
-            raise FileNotFoundError(str(path))
-        return path.read_bytes()
-
-    __getitem__ = get
-
-    def _place(self, name: str) -> Path:
-        """Return where a file is that is named so: there, as Windows writes it, or where Gazebo has its pictures."""
-        plain = name.replace("\\", "/")
-        places = [self._folder / name, self._folder / plain, self._root / "materials" / "textures" / Path(plain).name]
-        return next((place for place in places if place.exists()), places[0])
 
 
 def read_source(path: Path, *, looks: bool = True, root: Path | None = None) -> Source:
@@ -133,8 +60,8 @@ def read_source(path: Path, *, looks: bool = True, root: Path | None = None) -> 
         ".obj": _read_obj,
         ".stl": _read_with_trimesh,
         ".ply": _read_ply,
-        ".glb": _read_with_trimesh,
-        ".gltf": _read_with_trimesh,
+        ".glb": read_gltf,
+        ".gltf": read_gltf,
     }
     if not path.exists():
         raise AssetError(f"{path}: no such mesh")
@@ -160,7 +87,7 @@ def _read_obj(path: Path, beside: Beside, looks: bool) -> list[Part]:
     """Read an OBJ file: one part for each material."""
     text = parse_obj(path)
     if not looks:
-        return [_grey(text.v[text.corners[:, :, 0]])]
+        return [grey(text.v[text.corners[:, :, 0]])]
     materials: dict[str, Material] = {}
     for library in text.libraries:
         try:
@@ -183,23 +110,11 @@ def _obj_part(text: ObjText, chosen: npt.NDArray[np.bool_], material: Material, 
         except FileNotFoundError:
             pass
     uv = text.vt[index[:, :, 1]] if image is not None else None
-    colour = 3 * (TUNING.grey,) if material.colour is None else material.colour
+    colour = 3 * (PARTS.grey,) if material.colour is None else material.colour
     colours = np.tile(np.clip(colour, 0.0, 1.0), (len(index), 1))
     if text.colours is not None:
         colours = text.colours[index[:, :, 0]].mean(axis=1)
     return Part(corners, uv, image, colours)
-
-
-def decoded(data: bytes, name: str) -> Image:
-    """Return an image file's RGB.
-
-    Raises:
-        AssetError: not an image.
-    """
-    bgr = image_of(data, cv2.IMREAD_COLOR)
-    if bgr is None:
-        raise AssetError(f"{name}: not an image that can be read")
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def _read_ply(path: Path, beside: Beside, looks: bool) -> list[Part]:
@@ -223,7 +138,7 @@ def _ply_picture(data: bytes) -> str | None:
 
 
 def _read_with_trimesh(path: Path, beside: Beside, looks: bool, image: Image | None = None, **how: bool) -> list[Part]:
-    """Read STL, PLY or glTF; one part for each mesh as it is placed.
+    """Read STL, PLY or COLLADA; one part for each mesh as it is placed.
 
     Args:
         path: of the file.
@@ -234,13 +149,12 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool, image: Image | N
     """
     import trimesh
 
-    if path.suffix.lower() in (".glb", ".gltf"):
-        _refuse_compressed(path)
     try:
-        kind = path.suffix.lower()[1:]
-        loaded = trimesh.load(
-            io.BytesIO(path.read_bytes()), file_type=kind, resolver=beside, force="scene", process=False, **how
-        )
+        kind, data = path.suffix.lower()[1:], path.read_bytes()
+        if kind == "ply":  # older programs' names of colours
+            head, end, body = data.partition(b"end_header")
+            data = head.replace(b" diffuse_", b" ") + end + body
+        loaded = trimesh.load(io.BytesIO(data), file_type=kind, resolver=beside, force="scene", process=False, **how)
         placed = [
             (loaded.geometry[name], X) for X, name in (loaded.graph[node] for node in loaded.graph.nodes_geometry)
         ]
@@ -261,20 +175,6 @@ def _read_with_trimesh(path: Path, beside: Beside, looks: bool, image: Image | N
     if beside.problem:
         raise beside.problem  # the reader may have gone on without the file
     return parts
-
-
-def _refuse_compressed(path: Path) -> None:
-    """Refuse a glTF whose triangles are compressed: the reader would take zeros in their place."""
-    data = path.read_bytes()
-    if path.suffix.lower() == ".glb" and data[:4] != b"glTF":
-        raise AssetError(f"{path}: cannot be read as glb: it does not begin as one")
-    told = data[20 : 20 + int.from_bytes(data[12:16], "little")] if data[:4] == b"glTF" else data
-    try:
-        required = set(json.loads(told).get("extensionsRequired", ()))
-    except (ValueError, AttributeError, TypeError):
-        raise AssetError(f"{path}: cannot be read as {path.suffix.lower()[1:]}: it holds no JSON object") from None
-    if unread := required & {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"}:
-        raise AssetError(f"{path}: its triangles are compressed ({min(unread)}); export it without compression")
 
 
 def _read_collada(path: Path, beside: Beside, looks: bool) -> list[Part]:
@@ -298,43 +198,37 @@ def x_becomes_up(points: Array) -> Array:
     return np.stack([-points[..., 1], points[..., 2], points[..., 0]], axis=-1)
 
 
-def _grey(corners: Array) -> Part:
-    """Return triangles (F, 3, 3) without a look of their own."""
-    return Part(corners, None, None, np.full((len(corners), 3), TUNING.grey))
-
-
 def _part_of(mesh: Any, X: Array, looks: bool, image: Image | None) -> Part:
     """Return one mesh of trimesh's, placed."""
     vertices = np.asarray(mesh.vertices, dtype=float) @ X[:3, :3].T + X[:3, 3]
     faces = np.asarray(mesh.faces)
     if np.linalg.det(X[:3, :3]) < 0:  # mirrored
         faces = faces[:, ::-1]
-    return Part(vertices[faces], *_look_of(mesh, faces, image)) if looks else _grey(vertices[faces])
+    return Part(vertices[faces], *_look_of(mesh, faces, image)) if looks else grey(vertices[faces])
 
 
 def _look_of(mesh: Any, faces: npt.NDArray[np.int64], image: Image | None) -> tuple[Array | None, Image | None, Array]:
     """Return texture coordinates, picture and colours of a mesh of trimesh's, as `Part` has them."""
     visual, uv = mesh.visual, None
-    grey = np.full((len(faces), 3), TUNING.grey)
+    plain = np.full((len(faces), 3), PARTS.grey)
     if visual.kind == "texture":
         material = visual.material
         picture = getattr(material, "baseColorTexture", None)
         factor = np.ones(3)
         if getattr(material, "baseColorFactor", None) is not None:
-            factor = np.asarray(material.baseColorFactor, dtype=float)[:3]
-            factor = factor / 255.0 if factor.max() > 1.0 else factor  # trimesh keeps bytes
+            factor = np.asarray(material.baseColorFactor, dtype=float)[:3] / 255.0  # trimesh keeps bytes
         if visual.uv is not None and (image is not None or picture is not None):
             image = np.round(_pixels(picture) * factor).astype(np.uint8) if image is None else image
             uv = np.asarray(visual.uv, dtype=float)[faces]
         elif picture is None and (told := mesh.vertex_attributes.get("color")) is not None:  # of a PLY file
             return None, None, np.asarray(told)[:, :3][faces].mean(axis=1) / 255.0
-        colours = np.tile(factor, (len(faces), 1)) if picture is not None or factor.min() < 1 else grey
+        colours = np.tile(factor, (len(faces), 1)) if picture is not None or factor.min() < 1 else plain
         return uv, image if uv is not None else None, colours
     if visual.kind == "vertex":
         return None, None, np.asarray(visual.vertex_colors)[:, :3][faces].mean(axis=1) / 255.0
     if visual.kind == "face":
         return None, None, np.asarray(visual.face_colors)[:, :3] / 255.0
-    return None, None, grey
+    return None, None, plain
 
 
 def _pixels(picture: Any) -> Image:

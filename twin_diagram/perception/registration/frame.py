@@ -48,7 +48,7 @@ class Frame:
 
     Attributes:
         camera: the calibrated camera, without distortion.
-        depth: (H, W) [m], 0 where there is none and where the robot is.
+        depth: (H, W) along the optical axis [m], 0 where there is none.
         robot: (H, W), the robot's pixels.
         normals: (h, w, 3) at every `stride`-th pixel, of what stands on the table; 0 elsewhere.
         stride: of `normals`.

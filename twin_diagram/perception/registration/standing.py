@@ -16,7 +16,6 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.assets import Asset
-from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.segmentation.planes import Plane
@@ -157,12 +156,11 @@ def standing(feet: Sequence[Footing], turns: bool, one: RegisteredPose, segments
     if not planes or not feet:
         return one
     plane = min(planes, key=lambda plane: abs(float(plane.height(one.p))))
-    return stood(feet, turns, one, plane, segments.camera.depth_noise, segments.camera.p_WC)
+    _, _, z = segments.camera.project(one.p)
+    return stood(feet, turns, one, plane, float(segments.camera.depth_noise(z)))
 
 
-def stood(
-    feet: Sequence[Footing], turns: bool, one: RegisteredPose, plane: Plane, noise: DepthSigma, p_WC: Array
-) -> RegisteredPose:
+def stood(feet: Sequence[Footing], turns: bool, one: RegisteredPose, plane: Plane, sigma: float) -> RegisteredPose:
     """Return a pose with what it tells that the object stands on a plane; the same where it does not.
 
     Args:
@@ -170,8 +168,7 @@ def stood(
         turns: it is round about its z axis.
         one: the pose.
         plane: on which it may stand.
-        noise: of a pixel's depth.
-        p_WC: (3,) where the camera is [m].
+        sigma: of a pixel's depth there [m].
     """
     up = one.R.T @ plane.normal
     foot, contacts = _nearest(feet, turns, up)
@@ -185,9 +182,8 @@ def stood(
     u, s, vt = np.linalg.svd((J - middle) / np.sqrt(len(arms)), full_matrices=False)
     H = np.vstack([middle, s[:2, None] * vt[:2]])
     y = -np.append(off.mean(), u[:, :2].T @ (off - off.mean()) / np.sqrt(len(arms)))
-    depth = float(noise(np.array([np.linalg.norm(one.p - p_WC)]))[0])
     lean = np.hypot(TUNING.flat, foot.uneven)
-    S = H @ one.covariance @ H.T + np.diag(np.square([np.hypot(TUNING.place, TUNING.shared * depth), lean, lean]))
+    S = H @ one.covariance @ H.T + np.diag(np.square([np.hypot(TUNING.place, TUNING.shared * sigma), lean, lean]))
     if float(y @ np.linalg.solve(S, y)) > TUNING.cut * len(y):
         return one
     gain = np.linalg.solve(S, H @ one.covariance).T
