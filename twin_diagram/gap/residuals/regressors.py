@@ -209,12 +209,12 @@ def levers(records: Records) -> Array:
 
 
 def present(records: Records) -> Present:
-    """Read off the given model what it has."""
+    """Read off the given model what it has; what ended in another run is over."""
     model = records.model
     n = records.n
     coulomb, stiffness, load = np.zeros(n), np.array(model.tree.stiffness, dtype=float), np.zeros(n)
     mass = 0.0
-    for effect in model.effects:
+    for effect in model.present:
         columns = [model.joints.index(joint) for joint in effect.joints]
         values = {key: parameter.value for key, parameter in effect.parameters.items()}
         if isinstance(effect, CoulombFriction):
@@ -237,7 +237,7 @@ def present(records: Records) -> Present:
         stiffness=stiffness,
         load=load,
         mass=mass,
-        names=frozenset(effect.name for effect in model.effects),
+        names=frozenset(effect.name for effect in model.present),
     )
 
 
