@@ -14,6 +14,8 @@ from twin_diagram.errors import ArgumentError
 from twin_diagram.estimation import ArmTerms
 from twin_diagram.gap import prepare
 from twin_diagram.model import predict
+from twin_diagram.planning import Mpc
+from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.scenario import Camera, Drift, Registration, models_dir
 
 SCENARIO = td.load_scenario("tabletop", ["twin.camera=null"])
@@ -26,7 +28,7 @@ CALLS: dict[str, tuple[Callable[[], Any], str]] = {
     "no scenario": (lambda: td.make_station(None), "not a NoneType"),
     "swapped": (lambda: td.save_scenario("a.yaml", SCENARIO), "a Scenario .*not a str"),
     "a scenario for its file": (lambda: td.load_scenario(SCENARIO), "path of a YAML file.*not a Scenario"),
-    "an override that is no text": (lambda: td.load_scenario("tabletop", [3]), "FIELD=VALUE.*not a int"),
+    "an override that is no text": (lambda: td.load_scenario("tabletop", [3]), "FIELD=VALUE.*not an int"),
     "a path for a model": (lambda: td.Ekf("arm.urdf", td.Filter()), "Model.load.*not a str"),
     "fields for a filter": (lambda: td.Ekf(MODEL, {}), "a Filter .*not a dict"),
     "text for a number": (lambda: td.Ekf(MODEL, td.Filter(rate="fast")), "twin.filter.rate: a number"),
@@ -45,6 +47,12 @@ CALLS: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: td.IcpPoseEstimator(SCENARIO.twin.library, Camera(), Registration()),
         "an Asset for each name.*not a str",
     ),
+    "a path where a file is not read": (lambda: td.Model("arm.urdf"), r"Model.load\(PATH\).*not a str"),
+    "a path for a planner's model": (lambda: Mpc("arm.urdf", SCENARIO.twin, {}), r"Model.load\(PATH\).*not a str"),
+    "a scenario for a planner's twin": (lambda: Mpc(MODEL, SCENARIO, {}), "a Twin .*not a Scenario"),
+    "names for a planner's library": (lambda: Mpc(MODEL, SCENARIO.twin, ["can"]), "names with Assets.*not a list"),
+    "folders for a planner's library": (lambda: Mpc(MODEL, SCENARIO.twin, SCENARIO.twin.library), "an Asset for each"),
+    "a scenario for a stop monitor": (lambda: StopMonitor(MODEL, SCENARIO, {}), "a Twin .*not a Scenario"),
     "no effect": (lambda: td.register(int), "derived from Effect"),
     "no sensor": (lambda: td.Ekf(MODEL, td.Filter()).add("imu"), "a Sensor .*not a str"),
 }

@@ -53,7 +53,9 @@ def expect(value: object, kind: type | tuple[type, ...], name: str, wanted: str)
         ArgumentError: it is something else.
     """
     if not isinstance(value, kind):
-        given = f"the class {value.__name__}" if isinstance(value, type) else f"a {type(value).__name__}"
+        name_of = type(value).__name__
+        article = "an" if name_of[0].lower() in "aeiou" else "a"
+        given = f"the class {value.__name__}" if isinstance(value, type) else f"{article} {name_of}"
         raise ArgumentError(f"{name}: {wanted} is wanted, not {given}")
 
 

@@ -314,6 +314,13 @@ def mpc(model: Model) -> Mpc:
     return Mpc(model, told(), {"mover": Asset.load(models_dir() / "objects" / "mover")}, parameter_names=names)
 
 
+def test_no_abstract_state_holds_none(mpc: Mpc) -> None:
+    """Drake 1.58, which CPython 3.12 gets, takes no None for a value."""
+    context = mpc.CreateDefaultContext()
+    held = [context.get_abstract_state(k).get_value() for k in range(context.num_abstract_states())]
+    assert held == [()] and mpc.memory(context).pending is None
+
+
 def connect(mpc: Mpc, context: Context, q: np.ndarray = HOME, time: float | None = None) -> None:
     mpc.GetInputPort("arm_state").FixValue(context, np.concatenate([q, np.zeros(7)]))
     mpc.GetInputPort("tracks").FixValue(context, np.zeros(TRACK_SIZE))

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from twin_diagram.errors import ScenarioError, TwinError
+from twin_diagram.errors import TwinError
 from twin_diagram.runs import many_seeds
 from twin_diagram.runs.many_seeds import run_seeds, seed_line, tell_seeds
 
@@ -85,11 +85,11 @@ def test_a_finished_run_is_read_back_and_others_are_varied(tmp_path: Path, monke
     folder = tmp_path / "seed_0003"
     task = ("tabletop", ["duration=0.5"], 3, str(folder))
     folder.mkdir()
-    assert many_seeds._run_one(task) == {"seed": 3}
+    assert many_seeds.run_one(task) == {"seed": 3}
     assert calls == [(0.5, 3, folder / "assets"), (3, folder, False, True)]
     assert "seed: 3" in (folder / "scenario.yaml").read_text()
     (folder / "summary.json").write_text(json.dumps({"seed": 99}))
-    assert many_seeds._run_one(task) == {"seed": 99} and len(calls) == 2
+    assert many_seeds.run_one(task) == {"seed": 99} and len(calls) == 2
 
 
 def test_each_seed_has_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,37 +102,69 @@ def test_each_seed_has_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert seen == [(tasks, 3)] and out.is_dir()
 
 
-def odd_run(task: many_seeds.Task, back: Any) -> None:
-    """In place of a run: one that comes to its end, and others that do not."""
-    name, _, seed, folder = task
-    if name == "sleeps" and seed > 1:
-        Path(folder).write_text(str(os.getpid()))
-        time.sleep(600.0)
-    if name == "killed":
-        os.kill(os.getpid(), signal.SIGKILL)
-    if name == "fails":
-        raise ValueError
-    back.send(ScenarioError("world", "nothing in it") if name == "wrong" else {"seed": seed})
+ODD_RUN = """
+import json, os, signal, sys, time
+from pathlib import Path
+
+name, _, seed, folder = json.loads(sys.argv[1])["task"]
+if name == "sleeps" and seed > 1:
+    Path(folder).write_text(str(os.getpid()))
+    time.sleep(600.0)
+if name == "killed":
+    os.kill(os.getpid(), signal.SIGKILL)
+if name == "fails":
+    raise ValueError
+if name == "wrong":
+    print(name, "world: nothing in it", sep="\\n", file=sys.stderr)
+    sys.exit(2)
+Path(folder).mkdir()
+(Path(folder) / "summary.json").write_text(json.dumps({"seed": seed}))
+"""
+"""In place of a run: one that comes to its end, and others that do not."""
+
+
+@pytest.fixture
+def odd_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(many_seeds, "WORKER", (sys.executable, "-c", ODD_RUN))
 
 
 @pytest.mark.parametrize(
     ("name", "told"),
     [
         ("killed", "seed 4: its process was ended by a signal: Killed"),
-        ("fails", "seed 4: its process ended with status 1"),
+        ("fails", "seed 4: its process ended with status 1: ValueError"),
         ("wrong", "world: nothing in it"),
     ],
 )
-def test_a_run_that_does_not_end_by_itself_ends_all(name: str, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_does_not_end_by_itself_ends_all(name: str, told: str, tmp_path: Path, odd_run: None) -> None:
     """A pool waited forever for one that was killed."""
-    monkeypatch.setattr(many_seeds, "_send_one", odd_run)
     with pytest.raises(TwinError) as error:
-        list(many_seeds._summaries([("fine", [], 3, ""), (name, [], 4, "")], 2))
+        list(many_seeds._summaries([("fine", [], 3, str(tmp_path / "3")), (name, [], 4, "")], 2))
     assert str(error.value) == told
 
 
-def test_runs_end_where_nobody_wants_them_any_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many_seeds, "_send_one", odd_run)
+@pytest.mark.long
+def test_a_script_needs_no_guard_and_its_effects_are_known(tmp_path: Path) -> None:
+    """Each run's process did once more what the script does, down to starting runs."""
+    folder = tmp_path / "out" / "seed_0003"
+    folder.mkdir(parents=True)
+    (folder / "summary.json").write_text('{"seed": 3}')
+    (tmp_path / "my_effect.py").write_text(
+        "from pathlib import Path\n\nfrom twin_diagram.model import Effect, register\n\n\n"
+        '@register\nclass Mine(Effect):\n    """Mine."""\n\n    name = "mine"\n    kinds = {}\n\n\n'
+        'with (Path(__file__).parent / "told").open("a") as file:\n    file.write("x")\n'
+    )
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import my_effect\nfrom pathlib import Path\nfrom twin_diagram.runs import run_seeds\n"
+        'print(list(run_seeds("tabletop", [3], Path(__file__).parent / "out")))\n'
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=100, check=False)
+    assert done.stdout == "[{'seed': 3}]\n", done.stderr
+    assert (tmp_path / "told").read_text() == "xx", "once by the script, once by the run's process"
+
+
+def test_runs_end_where_nobody_wants_them_any_more(tmp_path: Path, odd_run: None) -> None:
     summaries = many_seeds._summaries([("sleeps", [], seed, str(tmp_path / str(seed))) for seed in range(1, 9)], 2)
     assert next(summaries) == {"seed": 1}
     pid = ""
@@ -141,4 +173,4 @@ def test_runs_end_where_nobody_wants_them_any_more(tmp_path: Path, monkeypatch: 
         pid = (tmp_path / "2").read_text() if (tmp_path / "2").exists() else ""
     summaries.close()  # type: ignore[attr-defined]
     assert not Path("/proc", pid).exists()
-    assert {path.name for path in tmp_path.iterdir()} <= {"2", "3"}, "those that had not begun never do"
+    assert {path.name for path in tmp_path.iterdir()} <= {"1", "2", "3"}, "those that had not begun never do"

@@ -50,11 +50,16 @@ def unwrapped(log: Log, revolute: npt.NDArray[np.bool_]) -> tuple[Log, list[LogW
     return whole, [LogWarning("wrapped", message, joints[0])]
 
 
+def turns_of(steps: Array) -> Array:
+    """Return how many whole turns each step from one sample to the next [rad] jumps; 0 where it is none."""
+    turns = steps / (2.0 * np.pi)
+    whole = np.round(turns)
+    return np.where(np.abs(turns - whole) < TUNING.nearly, whole, 0.0)
+
+
 def _turns(angles: Array) -> Array:
     """Return (N, n) turns by which each sample jumped from the one before it."""
-    steps = np.diff(angles, axis=0, prepend=angles[:1]) / (2.0 * np.pi)
-    whole = np.round(steps)
-    return np.where(np.abs(steps - whole) < TUNING.nearly, whole, 0.0)
+    return turns_of(np.diff(angles, axis=0, prepend=angles[:1]))
 
 
 def _unwrap(angles: Array, which: npt.NDArray[np.bool_]) -> Array:

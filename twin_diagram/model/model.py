@@ -23,7 +23,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
 from twin_diagram import scenario
-from twin_diagram.errors import ModelError
+from twin_diagram.errors import ModelError, expect
 from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.description.add_arm import Arm, add_arm
@@ -63,6 +63,12 @@ class Model:
         calls: into the plant, for single samples.
         law: the torque of bodies and effects at true positions, without onsets, delay and motors' logs.
     """
+
+    def __new__(cls, *given: object) -> Model:
+        """Refuse a path in the place of a plant, before Python asks for what else is missing."""
+        if given:
+            expect(given[0], MultibodyPlant, "Model", "a plant that was parsed (a file is read by Model.load(PATH))")
+        return super().__new__(cls)
 
     def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Iterable[Effect]) -> None:
         """Use `load`."""

@@ -19,6 +19,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import holders, load_scene
 from twin_diagram.planning.collision.held_shape import obstacles_beside
+from twin_diagram.planning.given import check_kinds
 from twin_diagram.planning.mpc.arm_torque import ArmTorque
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
@@ -123,9 +124,11 @@ class Mpc(ModelUser[Model]):
             solver: for quadratic programs; None for `ActiveSet`.
 
         Raises:
+            ArgumentError: an argument of another kind.
             ScenarioError: a tuning value that makes no sense.
             ModelError: a shape that cannot be read.
         """
+        check_kinds(model, twin, library)
         super().__init__()
         self.set_name("mpc")
         _check(twin.planner)
@@ -160,7 +163,7 @@ class Mpc(ModelUser[Model]):
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
-        self._pending = self.DeclareAbstractState(Value(None))
+        self._pending = self.DeclareAbstractState(Value(()))  # what is asked, or nothing: Drake 1.58 takes no None
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.filter.rate, 0.0, self._latch)
         state, arm = self.discrete_state_ticket(self._state), self._arm_in.ticket()
@@ -188,7 +191,7 @@ class Mpc(ModelUser[Model]):
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""
         memory = Memory.unpack(self._vector(context), self._n, self._knots, self._step)
-        return replace(memory, pending=context.get_abstract_state(int(self._pending)).get_value())
+        return replace(memory, pending=next(iter(context.get_abstract_state(int(self._pending)).get_value()), None))
 
     def braked(self, context: Context) -> bool:
         """Return whether the arm rests because what searches for ways has failed and does not work again yet."""
@@ -259,7 +262,8 @@ class Mpc(ModelUser[Model]):
         dynamics = ArmTorque(self._in_use(context), planner.scene.chain, self._payload(context))
         memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics)
         state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
-        state.get_mutable_abstract_state(int(self._pending)).set_value(memory.pending)
+        pending = () if memory.pending is None else (memory.pending,)
+        state.get_mutable_abstract_state(int(self._pending)).set_value(pending)
         return EventStatus.Succeeded()
 
     def _surroundings(self, context: Context) -> tuple[MotionPlanner, Array, Array, Array | None, Array | None]:

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Event, Thread
-from typing import Any
+from tempfile import TemporaryDirectory
+from threading import Event
+from typing import Any, Final
 
 from twin_diagram.errors import TwinError
+from twin_diagram.model.effects.serialisation import users_effects
 from twin_diagram.runs.randomization import vary
 from twin_diagram.runs.run import run_scenario
 from twin_diagram.runs.score import within
+from twin_diagram.runtime.child_process import BAD_INPUT, ChildProcess
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.scenario.file import load_scenario, save_scenario
 
 Task = tuple[str, list[str], int, str]
 """Scenario, overrides, seed and folder, as they cross to another process."""
+
+WORKER: Final = (sys.executable, "-m", "twin_diagram.runs.seed_worker")
+"""The command that runs one seed in a process of its own."""
 
 BOUNDS = {
     "tracked": "every visible object within 5 mm and 5° (median; about a symmetric axis excepted)",
@@ -110,55 +113,40 @@ def _summaries(tasks: list[Task], jobs: int) -> Iterator[dict[str, Any]]:
 
 
 def _beside(task: Task, stopped: Event) -> dict[str, Any]:
-    """Return what `_run_one` does in a process of its own, which is killed where all is stopped.
+    """Return the summary of a run in a process of its own, which is ended where all is stopped.
 
-    A process per run, for Drake never frees a Diagram that holds Python systems; none of multiprocessing's pools, which
-    waits forever for what a process that was killed was to do.
+    A process per run, for Drake never frees a Diagram that holds Python systems.
     """
-    context = get_context("spawn")
-    back, there = context.Pipe(duplex=False)
-    process = context.Process(target=_send_one, args=(task, there))
-    process.start()
-    there.close()
-    try:
-        while not back.poll(0.2):
+    with TemporaryDirectory() as place, SeedProcess(task, Path(place) / "told.txt") as process:
+        while (summary := process.wait(0.2)) is None:
             if stopped.is_set():
                 raise TwinError(f"seed {task[2]}: stopped")
-        outcome: dict[str, Any] | Exception = back.recv()
-    except EOFError:
-        process.join()
-        status = process.exitcode or 0
-        ending = f"was ended by a signal: {signal.strsignal(-status)}" if status < 0 else f"ended with status {status}"
-        raise TwinError(f"seed {task[2]}: its process {ending}") from None
-    finally:
-        process.kill()
-        process.join()
-        process.close()
-        back.close()
-    if isinstance(outcome, Exception):
-        raise outcome
-    return outcome
+        return summary
 
 
-def _send_one(task: Task, back: Connection) -> None:
-    try:
-        back.send(_run_one(task))
-    except TwinError as error:
-        back.send(error)
+class SeedProcess(ChildProcess[dict[str, Any]]):
+    """One run; the user's own script is not run once more, and need not say `if __name__ == "__main__"`."""
 
+    def __init__(self, task: Task, told: Path) -> None:
+        """Start it.
 
-def _end_with_parent() -> None:
-    """End this process where the one that started it was killed, which then could not say so."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+        Args:
+            task: what to run.
+            told: file that gets what it says.
+        """
+        self._task = task
+        super().__init__([*WORKER, json.dumps({"task": task, "modules": users_effects()})], told)
+
+    def _read(self, status: int) -> dict[str, Any]:
+        if status != 0:
+            why = self.why_it_failed("its process", status)
+            raise TwinError(why if status == BAD_INPUT else f"seed {self._task[2]}: {why}")
+        return dict(json.loads((Path(self._task[3]) / "summary.json").read_text(encoding="utf-8")))
 
 
 @one_thread()
-def _run_one(task: Task) -> dict[str, Any]:
-    """Run one seed, in a process of its own; a run that was finished before is read back."""
-    Thread(target=_end_with_parent, daemon=True).start()
+def run_one(task: Task) -> dict[str, Any]:
+    """Run one seed; a run that was finished before is read back."""
     name, overrides, seed, folder = task
     done = Path(folder) / "summary.json"
     if done.is_file():

@@ -15,8 +15,10 @@ from twin_diagram.model.model import Model
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.tasks.task_system import TaskRunner
 from twin_diagram.scene.updater_system import SceneGraphUpdater
+from twin_diagram.signals.arrays import Array
 from twin_diagram.station import ports
 from twin_diagram.twin.own_systems import inputs_of
+from twin_diagram.twin.true_angles import shifted
 
 
 def add_stop_monitor(
@@ -43,17 +45,19 @@ def connect_commands(
     ekf: System,
     updater: SceneGraphUpdater,
     runner: TaskRunner | None,
-    n: int,
+    offset: Array,
 ) -> None:
-    """Let the controller of n joints command the arm, through the monitor where there is one; show its commands.
+    """Let the controller command the arm, through the monitor where there is one; show commands.
+
+    Commands leave as encoders of this offset (n,) [rad] read them.
 
     Further instances and unknown things come with the camera, messages' times with the arm's messages.
     """
     torque = controller.GetOutputPort("torque_commanded") if controller.HasOutputPort("torque_commanded") else None
     if monitor is None:
-        builder.ExportOutput(controller.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
+        _export_position(builder, controller, offset)
         if torque is None:
-            torque = builder.AddNamedSystem("no_torque", ConstantVectorSource(np.zeros(n))).get_output_port()
+            torque = builder.AddNamedSystem("no_torque", ConstantVectorSource(np.zeros(len(offset)))).get_output_port()
         builder.ExportOutput(torque, ports.TORQUE_COMMANDED)
         return
     for name in ("position_commanded", "torque_commanded", "plan_time"):
@@ -66,6 +70,11 @@ def connect_commands(
         builder.Connect(runner.GetOutputPort("hand"), monitor.GetInputPort("hand"))
     for name in inputs_of(controller, ("brake",)):
         builder.Connect(monitor.GetOutputPort("brake"), controller.GetInputPort(name))
-    builder.ExportOutput(monitor.GetOutputPort("position_commanded"), ports.POSITION_COMMANDED)
+    _export_position(builder, monitor, offset)
     builder.ExportOutput(monitor.GetOutputPort("torque_commanded"), ports.TORQUE_COMMANDED)
     builder.ExportOutput(monitor.GetOutputPort("brake"), "brake")
+
+
+def _export_position(builder: DiagramBuilder, system: System, offset: Array) -> None:
+    port = shifted(builder, "measured_position_commanded", system.GetOutputPort("position_commanded"), offset)
+    builder.ExportOutput(port, ports.POSITION_COMMANDED)

@@ -29,6 +29,7 @@ from twin_diagram.scene import object_events
 from twin_diagram.scene.object_events import Names
 from twin_diagram.scene.twin_scene import TwinScene, add_twin_scene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE
 from twin_diagram.signals.layouts import POSE_SIZE, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
@@ -43,6 +44,7 @@ from twin_diagram.twin.own_systems import check, inputs_of
 from twin_diagram.twin.own_systems import connect_ports as _connect
 from twin_diagram.twin.sight import add_sight
 from twin_diagram.twin.stopping_in_time import add_stop_monitor, connect_commands
+from twin_diagram.twin.true_angles import add_shift, behind_door, offset_of
 
 MASS = "payload.mass"
 """Name of the learned mass among the filter's parameters."""
@@ -58,7 +60,8 @@ class TwinDiagram:
             `goal`, `query_object`, and what it lacks: `health`, a row of three for each of `health.lacks` (see
             `health.HealthMonitor`). Of what is beside the first instance of each object: `further_poses`,
             `further_tracks`, `things`, and `object_events`.
-        model: the arm's physics.
+        model: the arm's physics in true joint angles, as all within the twin takes it.
+        measured_model: the same as logs show it: with the offsets that encoders are known to have; see `true_angles`.
         library: the known objects, in order.
         scene: the twin's own plant and SceneGraph.
         parameter_names: of `parameters`, in order.
@@ -74,6 +77,7 @@ class TwinDiagram:
 
     diagram: Diagram
     model: Model
+    measured_model: Model
     library: dict[str, Asset]
     scene: TwinScene
     parameter_names: tuple[str, ...]
@@ -95,9 +99,13 @@ class TwinDiagram:
     def add_model(self, model: Model) -> int:
         """Take in a corrected model of the same arm; answer its number. No Context uses it yet.
 
+        Args:
+            model: as logs show it, as `measured_model`.
+
         Raises:
             TwinError: the twin cannot use it.
         """
+        model = behind_door(model, offset_of(self.measured_model))
         numbers = {system.add_model(model) for system in self._model_users}
         assert len(numbers) == 1
         return numbers.pop()
@@ -209,7 +217,8 @@ def make_twin(
     """
     check_twin(twin)
     builder = DiagramBuilder()
-    model = model_of(twin, packages)
+    measured_model = model_of(twin, packages)
+    model = behind_door(measured_model, offset := offset_of(measured_model))
     library = library_of(twin, packages)
     check_fixtures(twin, packages)
     scene = named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
@@ -228,7 +237,7 @@ def make_twin(
     goal, runner = add_task(builder, twin, packages, model, library, scene)
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
     monitor = named("twin", lambda: add_stop_monitor(builder, twin, model, library, packages))
-    _take_measurements(builder, ekf, *(each for each in (drift, moves, health, runner, monitor) if each is not None))
+    _take_measurements(builder, offset, ekf, *filter(None, (drift, moves, health, runner, monitor)))
     connect_task(builder, runner, ekf, updater, moves)
     further = ["sensor_tracks"] if fused else []
     _connect(builder, ekf, drift, "arm_state", "parameters", "innovation", "nis", *further)
@@ -239,14 +248,14 @@ def make_twin(
     sight = add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner, monitor)
     named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
-    connect_commands(builder, moves, monitor, ekf, updater, runner, len(model.joints))
+    connect_commands(builder, moves, monitor, ekf, updater, runner, offset)
     export_acting(builder, goal, scene, updater, runner)
     _export_beliefs(builder, ekf, drift, updater, moves, health)
     builder.ExportOutput(scene.query_output, "query_object")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
-    learnt = parameter_names, mass_index, tuple(fused)
+    known = model, measured_model, library, scene, parameter_names, mass_index, tuple(fused)
     added = AddedAssets(scene, sight, (mpc, monitor))
-    return TwinDiagram(_built(builder), model, library, scene, *learnt, ekf, drift, mpc, health, runner, monitor, added)
+    return TwinDiagram(_built(builder), *known, ekf, drift, mpc, health, runner, monitor, added)
 
 
 def _built(builder: DiagramBuilder) -> Diagram:
@@ -293,8 +302,8 @@ def _connect_controller(
         _connect(builder, controller, health, "reach")
 
 
-def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, *others: System) -> None:
-    """Let the arm's messages into the filter and those of other systems that want them, under the station's names."""
+def _take_measurements(builder: DiagramBuilder, offset: Array, *systems: System) -> None:
+    """Let the arm's messages into those systems that want them, under the station's names; `offset` of encoders."""
     measured = {
         ports.POSITION_MEASURED: "position_measured",
         ports.VELOCITY_ESTIMATED: "velocity_estimated",
@@ -302,10 +311,15 @@ def _take_measurements(builder: DiagramBuilder, ekf: AdaptiveEkf, *others: Syste
         ports.MEASUREMENT_TIME: "measurement_time",
     }
     for name, port in measured.items():
-        builder.ExportInput(ekf.GetInputPort(port), name)
-        for system in others:
-            if system.HasInputPort(port):
-                builder.ConnectInput(name, system.GetInputPort(port))
+        inputs = [system.GetInputPort(port) for system in systems if system.HasInputPort(port)]
+        if name == ports.POSITION_MEASURED and offset.any():
+            door = add_shift(builder, "true_position", -offset)
+            for each in inputs:
+                builder.Connect(door.get_output_port(), each)
+            inputs = [door.get_input_port(0)]
+        builder.ExportInput(inputs[0], name)
+        for each in inputs[1:]:
+            builder.ConnectInput(name, each)
 
 
 def _export_beliefs(

@@ -13,7 +13,8 @@ import pytest
 from twin_diagram import cli
 from twin_diagram.errors import ModelError
 from twin_diagram.model.effects import REGISTRY, make, spec_of, users_modules
-from twin_diagram.model.effects.users_modules import import_file, load_installed
+from twin_diagram.model.effects.serialisation import users_effects
+from twin_diagram.model.effects.users_modules import import_again, import_file, load_installed
 from twin_diagram.scenario import EffectSpec
 
 DRAG = EffectSpec("quadratic_drag", ["elbow"], [], {"drag": [2.0]})
@@ -63,6 +64,24 @@ def test_what_cannot_be_imported_is_refused_and_leaves_nothing(tmp_path: Path, d
     taken.write_text("")
     with pytest.raises(ModelError, match="another module is called 'json'"):
         import_file(taken)
+
+
+def test_a_helping_process_is_told_what_to_import(drag: Path) -> None:
+    import_file(drag)
+    assert users_effects() == {"my_drag": str(drag)}
+    REGISTRY.pop("quadratic_drag")
+    del sys.modules["my_drag"]
+    assert users_effects() == {}
+    import_again({"my_drag": str(drag)})
+    assert spec_of(make(DRAG)).module == "my_drag"
+    with pytest.raises(ModelError, match=r"effects of no\.such_thing: ModuleNotFoundError"):
+        import_again({"no.such_thing": "there.py"})
+
+
+def test_what_a_script_defines_is_told_to_lie_in_a_file_of_its_own() -> None:
+    noted = EffectSpec(DRAG.name, DRAG.joints, [], DRAG.parameters, module="__main__")
+    with pytest.raises(ModelError, match="put its class into a file of its own"):
+        make(noted)
 
 
 def test_an_installed_package_offers_its_effects(drag: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -194,13 +194,13 @@ class Bus:
         context = self._commands.GetMyContextFromRoot(self.simulator.get_context())
         return self._commands.get_output_port().Eval(context)
 
-    def status(self, utime: int, n: int = 7) -> None:
+    def status(self, utime: int, n: int = 7, position: float = 0.2) -> None:
         message = lcmt_panda_status()
         message.utime, message.num_joints = utime, n
         for name in message.__slots__:
             if name.startswith("joint_"):
                 setattr(message, name, [0.1] * n)
-        message.joint_position, message.joint_torque = [0.2] * n, [3.0] * n
+        message.joint_position, message.joint_torque = [position] * n, [3.0] * n
         self.lcm.Publish(self.status_channel, message.encode())
 
     def __getitem__(self, name: str):  # type: ignore[no-untyped-def]
@@ -224,6 +224,18 @@ def test_time_starts_where_the_first_message_arrives() -> None:
     assert abs(command.utime - (epoch + 200_000)) < 3000
     assert command.joint_position == (0.5,) * 7 and command.joint_torque == (5.0,) * 7
     assert command.control_mode_expected == 5
+
+
+def test_angles_that_jump_by_a_turn_go_on_and_commands_go_out_in_the_drivers_turn() -> None:
+    """A driver whose encoders count one turn only: a joint that goes on beyond pi comes back at -pi."""
+    bus, turn = Bus(scenario(), command=np.full(7, 3.3)), 2.0 * np.pi
+    for k, angle in enumerate([3.0, 3.1, 3.2, np.nan, 3.3, 3.1, 3.0]):
+        sent = (angle + np.pi) % turn - np.pi
+        bus.status(1 + 5000 * k, position=sent)
+        bus.simulator.AdvanceTo(0.005 * (k + 1))
+        measured, commanded = bus[ports.POSITION_MEASURED], bus.command.joint_position
+        if np.isfinite(angle):
+            assert np.allclose(measured, angle) and np.allclose(commanded, 3.3 + sent - angle), f"message {k}"
 
 
 def test_a_driver_in_position_mode_gets_positions_alone() -> None:

@@ -21,7 +21,7 @@ class Twin:
     """What a healer asks of a twin."""
 
     def __init__(self) -> None:
-        self.model = SimpleNamespace(present=("old",))
+        self.measured_model = SimpleNamespace(present=("old",))
         self.records: list[dict[str, Any]] = []
         self.used: list[Any] = []
         self.diagram = SimpleNamespace(
@@ -164,7 +164,7 @@ def test_a_search_begins_when_the_log_since_it_settled_is_whole(bench: Any, tmp_
     assert one.at(3.3 - 0.7e-6) == ["gap_started"]
     assert one.tape.cuts == [pytest.approx((1.3, 2.8)), pytest.approx((2.8, 3.3))]
     model, fit, holdout, folder, packages, nice = one.search.given
-    assert model is one.twin.model and (fit, holdout) == tuple(one.tape.cuts)
+    assert model is one.twin.measured_model and (fit, holdout) == tuple(one.tape.cuts)
     assert folder == tmp_path / "1" and packages == {"pkg": "somewhere"} and nice == 3
     told = one.events[-1]
     assert told["fit"] == [1.3, 2.8] and told["holdout"] == [2.8, 3.3] and told["alarm"] == 1.0
@@ -364,7 +364,7 @@ def test_a_model_that_is_no_better_is_not(case: str, bench: Any, monkeypatch: py
     one = searching(bench)
     one.search.outcome = found
     assert one.at(3.4) == ["gap_verdict", "model_kept"] and why in one.events[-1]["why"]
-    assert one.twin.used == [] and one.healer.swaps == [] and one.healer.model is one.twin.model
+    assert one.twin.used == [] and one.healer.swaps == [] and one.healer.model is one.twin.measured_model
 
 
 def test_smaller_is_by_the_sum_of_squares() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import TypeVar
 
 from twin_diagram.errors import ArgumentError, ModelError
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.parameter import Parameter
 from twin_diagram.model.effects.timing import Interval
-from twin_diagram.model.effects.users_modules import lacking, load_installed, module_of
+from twin_diagram.model.effects.users_modules import SCRIPT, lacking, load_installed, module_of
 from twin_diagram.scenario import EffectSpec
 
 Class = TypeVar("Class", bound=type[Effect])
@@ -25,6 +26,13 @@ def register(cls: Class) -> Class:
         raise ArgumentError(f"register: a class derived from Effect is wanted, not {cls!r}")
     REGISTRY[cls.name] = cls
     return cls
+
+
+def users_effects() -> dict[str, str]:
+    """Return the modules of users that have registered effects here, with their files: for `import_again` elsewhere."""
+    modules = {module_of(cls) for cls in REGISTRY.values()} - {"", SCRIPT}
+    files = {name: getattr(sys.modules.get(name), "__file__", None) for name in sorted(modules)}
+    return {name: file for name, file in files.items() if file}
 
 
 def make(spec: EffectSpec) -> Effect:

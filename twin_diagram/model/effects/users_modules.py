@@ -11,8 +11,10 @@ it never imports a file by itself.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import sys
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -23,6 +25,8 @@ GROUP = "twin_diagram.effects"
 """The entry points' group."""
 OWN = "twin_diagram"
 """Effects of this package need no module noted."""
+SCRIPT = "__main__"
+"""The module of a script, which no other process imports: it would do all that it does once more."""
 
 
 def import_file(path: str | Path) -> str:
@@ -52,6 +56,26 @@ def import_file(path: str | Path) -> str:
     return name
 
 
+def import_again(files: Mapping[str, str]) -> None:
+    """Import in a helping process the modules that the one that started it has.
+
+    Args:
+        files: each module's, by its name.
+
+    Raises:
+        ModelError: one of them cannot be imported.
+    """
+    for name, file in files.items():
+        if "." not in name:
+            import_file(file)
+            continue
+        try:
+            importlib.import_module(name)
+        except Exception as error:
+            what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise ModelError(f"effects of {name}: {what}") from error
+
+
 @cache
 def load_installed() -> tuple[str, ...]:
     """Load the effects that installed packages offer, once; answer their modules' names.
@@ -77,6 +101,8 @@ def module_of(cls: type) -> str:
 
 def lacking(name: str, module: str) -> str:
     """Return what to do about an effect whose module is noted but was not imported."""
+    if module == SCRIPT:
+        return f"effects: {name!r} is defined in a script: put its class into a file of its own, and import that there"
     return (
         f"effects: {name!r} is defined in the module {module!r}, which is not loaded: name its file with "
         f"--import {module.rpartition('.')[2]}.py, or import it before the model is read"

@@ -19,6 +19,7 @@ from twin_diagram.planning.braking.drake_distances import DrakeDistances
 from twin_diagram.planning.braking.scene_now import SceneNow, read_scene
 from twin_diagram.planning.braking.stop_check import Breach, breach
 from twin_diagram.planning.braking.stopping_motion import Rejoin, heading, stopping_time, travelled
+from twin_diagram.planning.given import check_kinds
 from twin_diagram.planning.mpc.arm_torque import acceleration_limit
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
@@ -108,8 +109,10 @@ class StopMonitor(LeafSystem):
             packages: local folders for `package://` names.
 
         Raises:
+            ArgumentError: an argument of another kind.
             ModelError: a shape that cannot be read.
         """
+        check_kinds(model, twin, library)
         super().__init__()
         self.set_name("stop_monitor")
         assert twin.stop_monitor is not None

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from drake import lcmt_image_array  # type: ignore[import-untyped]
 from pydrake.lcm import DrakeLcm, DrakeLcmInterface
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import ConstantVectorSource
@@ -73,7 +74,9 @@ class LcmArmStation(Diagram):
         spec = scenario.lcm
         _check(scenario)
         protocol = PROTOCOLS[spec.arm]
-        arm = twin_arm(scenario)
+        plant = MultibodyPlant(0.0)
+        arm = twin_arm(scenario, plant)
+        revolute = np.array([joint not in arm.prismatic(plant) for joint in arm.joints])
         n, g = len(arm.joints), len(arm.gripper_joints)
         camera = ports.only_camera(scenario.twin, "the lcm station reads")
         if camera is not None:
@@ -85,13 +88,14 @@ class LcmArmStation(Diagram):
         status_channel = spec.status_channel or protocol.status_channel
         status = LcmSubscriberSystem.Make(status_channel, protocol.status_type, interface)
         builder.AddNamedSystem("status_subscriber", status)
-        receiver = builder.AddNamedSystem("arm_receiver", ArmReceiver(protocol, n, status_channel))
+        receiver = builder.AddNamedSystem("arm_receiver", ArmReceiver(protocol, revolute, status_channel))
         builder.Connect(status.get_output_port(), receiver.get_input_port())
         command_channel = spec.command_channel or protocol.command_channel
         with_torque = spec.control == "position_and_torque"
         sender = CommandSender(self.bus, command_channel, protocol, n, scenario.twin.driver.rate, with_torque)
         builder.AddNamedSystem("command_sender", sender)
-        builder.Connect(receiver.GetOutputPort("clock"), sender.GetInputPort("clock"))
+        for name in ("clock", "turns"):
+            builder.Connect(receiver.GetOutputPort(name), sender.GetInputPort(name))
         builder.ExportInput(sender.GetInputPort("position_commanded"), ports.POSITION_COMMANDED)
         builder.ExportInput(sender.GetInputPort("torque_commanded"), ports.TORQUE_COMMANDED)
         builder.ExportOutput(receiver.GetOutputPort("position_measured"), ports.POSITION_MEASURED)

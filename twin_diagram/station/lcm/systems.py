@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from drake import lcmt_image_array  # type: ignore[import-untyped]
 from pydrake.common.value import Value
 from pydrake.lcm import DrakeLcmInterface
@@ -12,7 +13,9 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Even
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 
 from twin_diagram.errors import StationError
+from twin_diagram.logs.unwrapping import turns_of
 from twin_diagram.scenario import Camera
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.station.lcm.messages import Protocol, read_images
 
@@ -46,24 +49,37 @@ class ArmReceiver(LeafSystem):
         - torque_measured
         - measurement_time
         - clock
+        - turns
 
-    Units and sizes as on any station; zeros and `NEVER` before the first message. `measurement_time` is the message's
-    own time stamp, on a clock that starts where the first message arrives: a constant delay of the bus is not seen,
-    its jitter is. `clock` (2): the first message's utime [µs] and when it came [s], `NEVER` before. Latency: the
-    bus's.
+    Units and sizes as on any station; zeros and `NEVER` before the first message. Angles that jump by a turn from one
+    message to the next are taken to go on; `turns` (n) [rad] is what was added to the newest for that.
+    `measurement_time` is the message's own time stamp, on a clock that starts where the first message arrives: a
+    constant delay of the bus is not seen, its jitter is. `clock` (2): the first message's utime [µs] and when it came
+    [s], `NEVER` before. Latency: the bus's.
     """
 
-    def __init__(self, protocol: Protocol, n: int, channel: str) -> None:
-        """`n` arm joints; `channel` for messages about errors."""
+    def __init__(self, protocol: Protocol, revolute: npt.NDArray[np.bool_], channel: str) -> None:
+        """Build a receiver.
+
+        Args:
+            protocol: of the arm.
+            revolute: (n,) which of its joints turn.
+            channel: for messages about errors.
+        """
         super().__init__()
+        n = len(revolute)
         self._protocol, self._n, self._channel = protocol, n, channel
+        self._turn = np.where(revolute, 2.0 * np.pi, 0.0)
         self._message = self.DeclareAbstractInputPort("message", Value(protocol.status_type()))
-        state = self.DeclareDiscreteState(np.array([0.0, NEVER]))
+        # Clock; the newest angles as they came, and what was added to them [rad].
+        state = self.DeclareDiscreteState(np.concatenate([[0.0, NEVER], np.full(n, np.nan), np.zeros(n)]))
         # A message changes the state by an update of its own at some time or other; this one follows it at the same
         # time.
-        self.DeclarePerStepDiscreteUpdateEvent(self._start_clock)
+        self.DeclarePerStepDiscreteUpdateEvent(self._keep)
         message, clock = self._message.ticket(), self.discrete_state_ticket(state)
-        for name in ("position", "velocity", "torque"):
+        self.DeclareVectorOutputPort("position_measured", n, self._calc_position, {message, clock})
+        self.DeclareVectorOutputPort("turns", n, self._calc_turns, {message, clock})
+        for name in ("velocity", "torque"):
 
             def calc(context: Context, output: BasicVector, name: str = name) -> None:
                 if context.get_discrete_state_vector().value()[1] < 0:
@@ -85,18 +101,37 @@ class ArmReceiver(LeafSystem):
             )
         return status
 
-    def _start_clock(self, context: Context, discrete: DiscreteValues) -> None:
-        clock = context.get_discrete_state_vector().value()
-        if clock[1] < 0 and self._message.Eval(context).num_joints > 0:
-            clock = np.array([self._message.Eval(context).utime, context.get_time()])
-        discrete.set_value(clock)
+    def _keep(self, context: Context, discrete: DiscreteValues) -> None:
+        state = np.array(context.get_discrete_state_vector().value())
+        message, n = self._message.Eval(context), self._n
+        if state[1] < 0 and message.num_joints > 0:
+            state[:2] = message.utime, context.get_time()
+        if message.num_joints == n:  # what is wrong with others is said where they are used
+            state[2 + n :] = self._turns(context)
+            came = self._status(context).position
+            state[2 : 2 + n] = np.where(np.isfinite(came), came, state[2 : 2 + n])
+        discrete.set_value(state)
+
+    def _turns(self, context: Context) -> Array:
+        """Return (n,) what is to be added to the angles of the newest message, so that they go on [rad]."""
+        last, turns = context.get_discrete_state_vector().value()[2:].reshape(2, self._n)
+        result: Array = turns - self._turn * turns_of(self._status(context).position - last)
+        return result
+
+    def _calc_position(self, context: Context, output: BasicVector) -> None:
+        known = context.get_discrete_state_vector().value()[1] >= 0
+        output.SetFromVector(self._status(context).position + self._turns(context) if known else np.zeros(self._n))
+
+    def _calc_turns(self, context: Context, output: BasicVector) -> None:
+        known = context.get_discrete_state_vector().value()[1] >= 0
+        output.SetFromVector(self._turns(context) if known else np.zeros(self._n))
 
     def _calc_time(self, context: Context, output: BasicVector) -> None:
-        utime, start = context.get_discrete_state_vector().value()
+        utime, start = context.get_discrete_state_vector().value()[:2]
         output[0] = NEVER if start < 0 else start + (self._message.Eval(context).utime - utime) * 1e-6
 
     def _calc_clock(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value())
+        output.SetFromVector(context.get_discrete_state_vector().value()[:2])
 
 
 class CommandSender(LeafSystem):
@@ -109,9 +144,11 @@ class CommandSender(LeafSystem):
         - position_commanded
         - torque_commanded
         - clock
+        - turns
 
-    Sent `Tuning.send_offset` after each period of the driver, with the driver's own time, which drivers check. Nothing
-    is sent before the first status message, nor while there is no command (unconnected, or a NaN in it).
+    Positions go out in the turn that the driver counts in: less `turns` (n) [rad], see `ArmReceiver`. Sent
+    `Tuning.send_offset` after each period of the driver, with the driver's own time, which drivers check. Nothing is
+    sent before the first status message, nor while there is no command (unconnected, or a NaN in it).
     """
 
     def __init__(
@@ -132,13 +169,14 @@ class CommandSender(LeafSystem):
         self._position = self.DeclareVectorInputPort("position_commanded", n)
         self._torque = self.DeclareVectorInputPort("torque_commanded", n)
         self._clock = self.DeclareVectorInputPort("clock", 2)
+        self._turns = self.DeclareVectorInputPort("turns", n)
         self.DeclarePeriodicPublishEvent(1.0 / rate, TUNING.send_offset, self._send)
 
     def _send(self, context: Context) -> EventStatus:
         utime, start = self._clock.Eval(context)
         if start < 0 or not self._position.HasValue(context):
             return EventStatus.DidNothing()
-        position = self._position.Eval(context)
+        position = self._position.Eval(context) - self._turns.Eval(context)
         if not np.all(np.isfinite(position)):
             return EventStatus.DidNothing()
         torque = None

@@ -11,12 +11,13 @@ from typing import Any, Final
 
 from twin_diagram.logs import Log, write_log
 from twin_diagram.model.description import corrected_folder
+from twin_diagram.model.effects.serialisation import users_effects
 from twin_diagram.model.model import Model
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.child_process import ChildProcess
 
 REQUEST: Final = "request.json"
-"""In the folder: what is asked, by the arguments of `run_gap`, and `nice`."""
+"""In the folder: what is asked, by the arguments of `run_gap`, with `nice` and the `modules` of users' effects."""
 TOLD: Final = "worker.txt"
 """In the folder: what the process said."""
 
@@ -78,6 +79,7 @@ class GapProcess(ChildProcess[SearchOutcome]):
             "holdout": str(folder / "holdout.npz"),
             "packages": {name: str(path) for name, path in (packages or {}).items()},
             "nice": nice,
+            "modules": users_effects(),
         }
         atomic_file.write(folder / REQUEST, json.dumps(request, indent=2))
         super().__init__([*WORKER, str(folder)], folder / TOLD)

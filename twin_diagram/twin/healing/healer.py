@@ -75,7 +75,7 @@ class Healer:
             folder: where each search gets a folder of its own, numbered; None: they are temporary.
             packages: local folders for `package://` names.
         """
-        self.model: Model = twin.model
+        self.model: Model = twin.measured_model
         self.swaps: list[float] = []
         self._twin, self._params, self._journal, self._tape = twin, params or Healing(), journal, tape
         self._temporary = TemporaryDirectory() if folder is None and tape is not None else None

@@ -22,11 +22,13 @@ def main(folder: Path) -> int:
         os.nice(request["nice"])
     from twin_diagram.errors import TwinError
     from twin_diagram.gap.workflow import run_gap
+    from twin_diagram.model.effects.users_modules import import_again
 
     def say(text: str) -> None:
         print(text, flush=True)
 
     try:
+        import_again(request["modules"])
         run_gap(request["model"], request["fit"], request["holdout"], folder, say, request["packages"])
     except TwinError as error:
         print(" ".join(str(error).split()), file=sys.stderr)
