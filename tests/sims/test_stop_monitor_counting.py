@@ -34,6 +34,14 @@ def test_what_comes_to_an_arm_that_stood_and_shoves_it_is_not_the_arms_contact()
     assert blamed(1.0, 2.0, 1.0, moves_until=0.95), "it had not stood for long enough"
 
 
+def test_an_arm_that_swings_back_from_a_shove_is_not_blamed_until_it_has_rested_or_is_driven() -> None:
+    came, command = ArmCame(LOOK, np.zeros(1)), np.zeros(1)
+    for k in range(1, 101):
+        assert not came.look(k * LOOK, k > 60 and k % 3 != 0, np.array([0.3 * (k > 60)]), command) or k < 60
+    assert not came.look(0.505, False, np.zeros(1), command)
+    assert came.look(0.51, False, np.array([0.3]), command), "it has rested since"
+
+
 def test_an_arm_that_runs_into_a_thing_or_drives_on_against_it_is_blamed() -> None:
     assert blamed(1.0, 2.0, 0.5, moves_until=2.0)
     assert blamed(0.5, 1.0, 2.0 * STANDING, moves_until=1.0)

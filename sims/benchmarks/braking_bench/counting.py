@@ -19,7 +19,8 @@ class ArmCame:
     """Tells of contacts whether the arm came, or the other thing to an arm that stood.
 
     The arm came where within the last `STOOD` it moved untouched, or was commanded to; that it is shoved is no motion
-    of its own. Of commands their mean over that time counts: one tick's worth moves nothing.
+    of its own, nor how it swings back until it rests. Of commands their mean over that time counts: one tick's worth
+    moves nothing.
     """
 
     def __init__(self, period: float, command: Array) -> None:
@@ -32,6 +33,7 @@ class ArmCame:
         self._count = round(STOOD / period)
         self._commands = [np.array(command)]
         self._moved = 0.0
+        self._shoved = False
 
     def look(self, now: float, touching: bool, v: Array, command: Array) -> bool:
         """Return whether it is the arm that comes, or came just before.
@@ -44,7 +46,9 @@ class ArmCame:
         """
         self._commands = [*self._commands, np.array(command)][-1 - self._count :]
         driven = np.abs(self._commands[-1] - self._commands[0]).max() > STANDING * STOOD
-        if driven or (not touching and np.abs(v).max() > STANDING):
+        moves = np.abs(v).max() > STANDING
+        self._shoved = not driven and (touching or (self._shoved and moves))
+        if driven or (moves and not self._shoved):
             self._moved = now
         return now - self._moved < STOOD
 

@@ -248,6 +248,20 @@ def test_an_arm_in_contact_may_leave_but_not_press_on(
     assert np.abs(commands[-1] - HOME).max() < 0.03
 
 
+def test_it_does_not_set_off_towards_what_touches_it_because_the_plan_is_elsewhere(
+    model: Model, twin: scenario.Twin, library: dict[str, Asset]
+) -> None:
+    row = box_at(model, HOME, np.array([0.0, 0.055, 0.0]))
+
+    def on_its_way_back(t: float) -> Array:
+        return HOME - SIDE * max(0.0, 0.4 - 1.5 * max(0.0, t - 0.7) ** 2) * (t > 0.5)
+
+    rig = Rig(model, twin, library, on_its_way_back, things=lambda t: things(row))
+    commands = rig.run(1.2)
+    assert [brake["cause"] for brake in rig.brakes()] == ["jump"]
+    assert np.diff(commands[55:, 0]).max() < 1e-9, "it stands"
+
+
 def test_what_comes_is_stopped_for_sooner_than_what_stands(
     model: Model, twin: scenario.Twin, library: dict[str, Asset]
 ) -> None:

@@ -248,11 +248,17 @@ class StopMonitor(LeafSystem):
             counts, asked_rate = (
                 (asked, asked_rate * (not held)) if np.isfinite(asked).all() else (state.asked, 0 * rate)
             )
+        turn = np.zeros(self._n)
+        if passed > 0.0:
+            turn = np.clip((asked_rate - state.asked_rate) / passed, -self._acceleration, self._acceleration)
         cause = self._cause(context, now, arm, asked, torque, held)
         state = replace(state, looked=now, command=command, rate=rate, asked=counts, asked_rate=asked_rate)
         if torque is not None and np.isfinite(torque).all():
             state = replace(state, torque=torque)
-        after = self._decide(context, state, now, arm, cause)
+        if state.mode == BrakeMode.BRAKE:
+            after = self._perhaps_resume(context, state, now, arm, cause, turn)
+        else:
+            after = self._decide(context, state, now, arm, cause)
         discrete.set_value(cast(Any, after.pack()))
 
     def _cause(self, context: Context, now: float, arm: Array, asked: Array, torque: Array | None, held: bool) -> Cause:
@@ -274,9 +280,7 @@ class StopMonitor(LeafSystem):
         return Cause.JUMP if held else Cause.NONE
 
     def _decide(self, context: Context, state: BrakeState, now: float, arm: Array, cause: Cause) -> BrakeState:
-        """Return the state after a look: braking, going on or joining the plan again."""
-        if state.mode == BrakeMode.BRAKE:
-            return self._perhaps_resume(context, state, now, arm, cause)
+        """Return the state after a look at an arm that is not being braked: it is from now on, or goes on."""
         found = None
         if cause is Cause.NONE:
             found = self._breach(context, state, now, arm)
@@ -300,19 +304,24 @@ class StopMonitor(LeafSystem):
         mass, bias = self._model.mass_matrix(q), self._model.bias(q, v)
         return stopping_time(v, self._acceleration, mass, bias, self._params.torque_share * self._effort)
 
-    def _perhaps_resume(self, context: Context, state: BrakeState, now: float, arm: Array, cause: Cause) -> BrakeState:
+    def _perhaps_resume(
+        self, context: Context, state: BrakeState, now: float, arm: Array, cause: Cause, turn: Array
+    ) -> BrakeState:
+        """Return the state after a look while it brakes; `turn` (n,) is how the plan's rates change [rad/s²]."""
         if cause is not Cause.NONE or now < state.stop_start + state.stop_time:
             return replace(state, clear=NEVER)
-        scene = self._scene(context, now, arm)
-        way = state.asked - state.command + state.asked_rate * TUNING.ahead
-        if self._along(scene, arm, way / TUNING.ahead, TUNING.ahead, 0.0, TUNING.spare):
+        scene, ahead = self._scene(context, now, arm), TUNING.ahead
+        offset = state.command - state.asked
+        fade = Rejoin.within(now, offset, -state.asked_rate, self._speed, self._acceleration)
+        plan = state.asked_rate * ahead
+        # A slow fade sets off as the plan turns, not towards where the plan is: neither may lead too near.
+        first = plan + 0.5 * turn * ahead**2 + fade.at(now + ahead) - offset
+        if any(self._along(scene, arm, way / ahead, ahead, 0.0, TUNING.spare) for way in (plan - offset, first)):
             return replace(state, clear=NEVER)
         if state.clear == NEVER:
             return replace(state, clear=now)
         if now - state.clear < self._params.resume_after - 1e-9:
             return state
-        offset = state.command - state.asked
-        fade = Rejoin.within(now, offset, -state.asked_rate, self._speed, self._acceleration)
         stood = now - state.stop_start
         return replace(
             state, mode=float(BrakeMode.REJOIN), rejoin_start=now, rejoin_time=fade.time, rejoin_offset=fade.offset,
