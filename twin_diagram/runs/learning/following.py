@@ -48,7 +48,7 @@ class Tuning:
     """The same at first where a slip is looked for [m]."""
 
     crept_reach: tuple[float, ...] = (0.02, 0.012)
-    """The same where an object is found again that crept while it was swung, or was taken anew: by a centimetre or two."""
+    """The same where an object is found again that crept while it was swung, or was taken anew: by 1 or 2 cm."""
 
     facing: float = 0.6
     """Least cosine between a point's normal and the cloud's."""
