@@ -248,3 +248,6 @@ def test_depth_may_be_an_array_of_floating_point(tmp_path: Path) -> None:
         np.save(folder / "depth" / "0000.npy", wrong, allow_pickle=True)
         with pytest.raises(FramesError, match=word):
             TransformsFolder(folder).read(0)
+    (folder / "depth" / "0000.npy").write_bytes(b"")
+    with pytest.raises(FramesError, match="not a readable array"):
+        TransformsFolder(folder).read(0)

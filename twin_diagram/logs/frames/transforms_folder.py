@@ -114,7 +114,7 @@ class TransformsFolder:
         """Return depth (h, w) [m], 0 where there is none."""
         try:
             raw = np.load(path) if path.suffix == ".npy" else read_image(path, cv2.IMREAD_UNCHANGED)
-        except (ValueError, OSError):
+        except (ValueError, OSError, EOFError):
             raise FramesError(f"{path}: not a readable array") from None
         if raw.ndim == 3 and raw.shape[2] == 1:
             raw = raw[..., 0]
