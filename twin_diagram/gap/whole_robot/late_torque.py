@@ -66,8 +66,7 @@ def later(problem: RobotProblem, z: Array, candidate: Candidate) -> Candidate | 
     seconds = likeliest_shift(problem, z)
     if seconds <= (1.0 + UNUSUAL.edge) * float(candidate.lower[0]):
         return None
-    gains = costs_of(problem, z, 0.0) - costs_of(problem, z, seconds)
-    if np.sum(gains) - np.max(gains) < TUNING.others or np.max(gains_alone(problem, z)) > np.sum(gains):
+    if problem.n > 1 and _of_one(problem, z, seconds):
         return None
     moved = replace(problem, sums=shifted(problem.sums, seconds))
     fit, given = solve(moved, None, z), problem.sums.records.model
@@ -78,15 +77,23 @@ def later(problem: RobotProblem, z: Array, candidate: Candidate) -> Candidate | 
     return delay(terms_of(problem.sums, model), TIME_DELAY.longest_delay, seconds)
 
 
+def _of_one(problem: RobotProblem, z: Array, seconds: float) -> bool:
+    """Return whether a shift of all joints' torque makes logs likelier for one of several joints alone."""
+    gains = costs_of(problem, z, 0.0) - costs_of(problem, z, seconds)
+    return bool(np.sum(gains) - np.max(gains) < TUNING.others or np.max(gains_alone(problem, z)) > np.sum(gains))
+
+
 def one_late(problem: RobotProblem, z: Array) -> tuple[int, float] | None:
     """Return the joint whose logged torque alone acts later, and by how much [s]; None where none does, or more do.
 
-    The catalogue has no name for it: in its place stands what it is most like on that joint.
+    The catalogue has no name for it, but where there is no other joint: in its place stands what it is most like there.
 
     Args:
         problem: with all that was found, and its noise.
         z: (Z,) its fit.
     """
+    if problem.n == 1:
+        return None
     gains = gains_alone(problem, z)
     best, joint = (int(k) for k in np.unravel_index(int(np.argmax(gains)), gains.shape))
     others = np.delete(np.max(gains, axis=0), joint)
