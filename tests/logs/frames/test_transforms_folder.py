@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from tests.runs.learning.held_box import shown, turned
+from tests.runs.learning.held_box import HALF, camera, shown, turned
+from tests.synthetic_scene import box_hit
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
@@ -71,9 +73,7 @@ def test_poses_and_pixels_are_as_nerfstudio_has_them(tmp_path: Path) -> None:
         (lambda told: told["frames"][1].pop("depth_file_path"), "depth"),
         (lambda told: told["frames"][0].pop("transform_matrix"), "transform_matrix"),
         (lambda told: told["frames"][0].update(transform_matrix=(2 * np.eye(4)).tolist()), "rotation"),
-        (lambda told: told.update(k1=0.1), "distortion"),
-        (lambda told: told.update(p2=-1e-4), "distortion p2"),
-        (lambda told: told["frames"][1].update(k1=-0.1, p1=0.01), "frame 1: distortion k1, p1"),
+        (lambda told: told.update(k4=-1e-4), "distortion k4"),
         (lambda told: told["frames"][0].update(k4=0.1), "frame 0: distortion k4"),
         (lambda told: told.update(k1=None), "k1 is None, not a number"),
         (lambda told: told["frames"][1].update(k2="x"), "k2 is 'x', not a number"),
@@ -171,3 +171,83 @@ def test_a_lens_that_is_told_to_bend_nothing_is_read(tmp_path: Path) -> None:
     before = TransformsFolder(folder).read(0).depth
     (folder / "transforms.json").write_text(json.dumps(told))
     assert TransformsFolder(folder).read(0).depth == pytest.approx(10.0 * before), "a millimetre, where nothing is told"
+
+
+def test_what_a_lens_bends_is_taken_out(tmp_path: Path) -> None:
+    """A box seen through a lens that moves the corners by some 20 pixels: pixel by pixel where its rays lead."""
+    told = {"k1": -0.25, "k2": 0.06, "p1": 0.002, "p2": -0.003, "k3": 0.01}
+    view, X_WB = camera(), turned(0.5) @ pose(np.eye(3), np.array([0.0, 0.0, 0.05]))
+    shown_x, shown_y = view.rays()[..., 0], view.rays()[..., 1]
+    x, y = shown_x, shown_y
+    for _ in range(60):  # Brown's formula, inverted
+        r = x**2 + y**2
+        radial = 1.0 + told["k1"] * r + told["k2"] * r**2 + told["k3"] * r**3
+        x, y = (
+            (shown_x - 2.0 * told["p1"] * x * y - told["p2"] * (r + 2.0 * x**2)) / radial,
+            (shown_y - told["p1"] * (r + 2.0 * y**2) - 2.0 * told["p2"] * x * y) / radial,
+        )
+    bent = np.stack([x, y, np.ones_like(x)], axis=-1)
+    assert np.abs(bent - view.rays())[..., :2].max() * view.fx > 15.0
+
+    def seen(rays: np.ndarray) -> RgbdFrame:
+        R, p = X_WB[:3, :3], X_WB[:3, 3]
+        depth, _ = box_hit(R.T @ (view.p_WC - p), (rays @ view.R_WC.T) @ R, HALF)
+        mask = np.isfinite(depth)
+        rgb = np.clip(127 + 250 * rays[..., [0, 1, 0]], 0, 255).astype(np.uint8)
+        return RgbdFrame(0, 0.0, rgb, np.where(mask, depth, 2.0).astype(np.float32), mask, view, view)
+
+    got = changed(write_transforms(tmp_path / "frames", [seen(bent)]), **told).read(0)
+    want = seen(view.rays())
+    assert got.mask is not None and want.mask is not None and got.rgb is not None and want.rgb is not None
+    assert (got.mask & want.mask).sum() > 0.97 * (got.mask | want.mask).sum()
+    inner = cv2.erode(want.mask.astype(np.uint8), np.ones((5, 5))) > 0
+    assert np.abs(got.depth - want.depth)[inner].max() < 1e-3
+    there = got.depth > 0.0
+    assert there.mean() > 0.9 and np.abs(got.rgb[there].astype(int) - want.rgb[there]).max() <= 4
+    assert (got.camera.fx, got.camera.cx, got.camera.cy) == (view.fx, view.cx, view.cy)
+
+
+def test_a_lens_that_folds_the_picture_over_is_refused_as_it_is_read(tmp_path: Path) -> None:
+    got = changed(write_transforms(tmp_path / "frames", frames(1)), k1=-5.0)
+    with pytest.raises(FramesError, match="frame 0: distortion -5, 0, 0, 0, 0 folds") as error:
+        got.read(0)
+    assert "\n" not in str(error.value)
+
+
+def test_depth_of_fewer_pixels_than_its_picture_is_read_on_its_own_grid(tmp_path: Path) -> None:
+    """As telephones with a lidar record it: 256 × 192 beside 1920 × 1440."""
+    (sent,) = frames(1)
+    folder = write_transforms(tmp_path / "frames", [sent])
+    for name in ("images", "masks"):
+        path = str(folder / name / "0000.png")
+        image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(path, cv2.resize(image, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST))
+    view = sent.camera
+    more = {"w": 720, "h": 600, "fl_x": 3 * view.fx, "fl_y": 3 * view.fy}
+    got = changed(folder, **more, cx=3 * (view.cx + 0.5), cy=3 * (view.cy + 0.5)).read(0)
+    assert got.rgb is not None and (got.rgb == sent.rgb).all() and (got.mask == sent.mask).all()
+    assert [getattr(got.camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")] == pytest.approx(
+        [view.width, view.height, view.fx, view.fy, view.cx, view.cy]
+    )
+    cv2.imwrite(str(folder / "masks" / "0000.png"), np.eye(100, dtype=np.uint8) * 255)
+    with pytest.raises(FramesError, match="the mask is of another size than depth"):
+        TransformsFolder(folder).read(0)
+
+
+def test_depth_may_be_an_array_of_floating_point(tmp_path: Path) -> None:
+    (sent,) = frames(1)
+    folder = write_transforms(tmp_path / "frames", [sent])
+    told = json.loads((folder / "transforms.json").read_text())["frames"]
+    told[0]["depth_file_path"] = "depth/0000.npy"
+    depth = sent.depth.copy()
+    depth[0, :3] = [np.nan, np.inf, -1.0]
+    np.save(folder / "depth" / "0000.npy", depth[..., None])
+    got = changed(folder, frames=told, depth_unit_scale_factor=1.0).read(0)
+    assert (got.depth[0, :3] == 0.0).all() and (got.depth[1:] == sent.depth[1:]).all()
+    for wrong, word in ((np.zeros((2, 2, 2)), "one channel"), (np.array([{}]), "not a readable array")):
+        np.save(folder / "depth" / "0000.npy", wrong, allow_pickle=True)
+        with pytest.raises(FramesError, match=word):
+            TransformsFolder(folder).read(0)
+    (folder / "depth" / "0000.npy").write_bytes(b"")
+    with pytest.raises(FramesError, match="not a readable array"):
+        TransformsFolder(folder).read(0)

@@ -12,7 +12,7 @@ from twin_diagram.planning.grasps.gripper import WSG50
 from twin_diagram.runs.learning.cell import Picture
 from twin_diagram.runs.learning.coverage import hands_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld
-from twin_diagram.runs.learning.following import Followed, apart, follow, found_again
+from twin_diagram.runs.learning.following import Followed, apart, follow, follow_anew, found_again
 from twin_diagram.signals import rotations
 
 X_TB = np.eye(4)
@@ -105,6 +105,20 @@ def test_what_crept_in_the_hand_is_found_again_along_every_axis() -> None:
     before, after = seen.X_ST[-1] @ X_TB, X_ST @ crept
     assert np.linalg.norm((before - after)[:3, 3]) < 0.0012
     assert np.abs(before[:3, :3].T @ after[:3, :3] - np.eye(3)).max() < 0.006
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_how_it_was_taken_again_is_told_by_all_pictures_of_the_new_grasp(axis: int) -> None:
+    """The first grasp shows three sides of five; the guess of the second is off along one of two axes."""
+    seen = follow(Followed(), [shown(turned(a), X_TB, k) for k, a in enumerate(np.linspace(-0.7, 0.7, 6))], np.eye(4))
+    # The new grasp begins at sides that nobody saw before.
+    more = [shown(turned(a), X_TB, 20 + k) for k, a in enumerate(np.linspace(3.0, 0.0, 13))]
+    guess, known = placed(list(0.013 * np.eye(3)[axis])), (0.004, 0.04)
+    found = follow_anew(seen, more, guess, known)
+    assert max(off(found, [X_TB] * 19)) < 1e-3
+    assert not found.slips
+    # One by one they go wrong.
+    assert max(off(follow(seen, more, guess, known), [X_TB] * 19)) > 5e-3
 
 
 def can(X_WT: np.ndarray, number: int) -> HeldPicture:

@@ -2,9 +2,10 @@
 
 (https://docs.nerf.studio/quickstart/data_conventions.html) Poses are camera to world with OpenGL's axes: x right, y up,
 z backwards; here C is x right, y down, z forwards. There a pixel's centre lies at (u + 0.5, v + 0.5), here at (u, v).
-Depth is 16 bits; its unit is `depth_unit_scale_factor` [m], a millimetre where the file does not say. What was done to
-the poses after they were measured (`applied_transform`, 3 × 4 or 4 × 4, and `applied_scale`) is undone: depth is in
-metres.
+Depth is 16 bits or floating point, also as `.npy`; its unit is `depth_unit_scale_factor` [m], a millimetre where the
+file does not say. Where it has fewer pixels than its picture, as a telephone's lidar has, picture, mask and lens come
+to its grid. What a lens bends (k1, k2, k3, p1, p2) is taken out. What was done to the poses after they were measured
+(`applied_transform`, 3 × 4 or 4 × 4, and `applied_scale`) is undone: depth is in metres.
 
 `hand_boxes` is this project's own: of each grasp, where the hand's frame was (`transform_matrix`, among the cameras'
 poses) and the lowest and highest corners of boxes that the hand filled, in its frame [m].
@@ -28,13 +29,19 @@ from twin_diagram.logs.frames.scene_folder import RgbdFrame, read_mask
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.lens import TUNING as LENS
+from twin_diagram.signals.lens import Lens, depth_between, distortion_derivative, straightening, unit_rays
 
 FILE: Final = "transforms.json"
 """That makes a folder one of Nerfstudio's."""
 UNIT: Final = 1e-4
 """Of the depth that is written [m]: a tenth of a millimetre, 6.5 m at the most."""
-_BENDING: Final = ("k1", "k2", "k3", "k4", "p1", "p2")
-"""Coefficients of distortion; zero: the lens bends nothing."""
+_BENDING: Final = ("k1", "k2", "p1", "p2", "k3")
+"""Coefficients of distortion, in OpenCV's order; zero: the lens bends nothing."""
+_LENSES: Final = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+"""Kinds of camera that these tell of."""
+_SQUARE: Final = 0.01
+"""Share by which a grid's two scales may differ where depth has another number of pixels than its picture."""
 _FLIP: Final = np.diag([1.0, -1.0, -1.0])
 """Takes OpenGL's axes to those of C, and back."""
 
@@ -65,7 +72,7 @@ class TransformsFolder:
                 raise FramesError(f"{self._file}: frame {k} has no depth_file_path: meshing needs depth")
         self.has_masks = self._check_masks()
         self._check_files()
-        self._refuse_bent()
+        self._refuse_other_lenses()
         self._unit = self._number({}, "depth_unit_scale_factor", 1e-3)
         if not self._unit > 0.0:
             raise FramesError(f"{self._file}: depth_unit_scale_factor is {self._unit:g} m, not positive")
@@ -83,27 +90,56 @@ class TransformsFolder:
             FramesError: an image cannot be read or has another size.
         """
         frame = self._frames[index]
-        depth = read_image(self.folder / str(frame["depth_file_path"]), cv2.IMREAD_UNCHANGED)
-        if depth.ndim != 2 or depth.dtype != np.uint16:
-            raise FramesError(f"{self.folder / frame['depth_file_path']}: depth must be one channel of 16 bits")
+        depth = self._depth(self.folder / str(frame["depth_file_path"]))
+        size = depth.shape
         rgb = None
         if "file_path" in frame:
             picture = read_image(self.folder / str(frame["file_path"]), cv2.IMREAD_COLOR)
-            rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
-            if rgb.shape[:2] != depth.shape:
+            rgb = _on_grid(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), size, cv2.INTER_AREA)
+            if rgb is None:
                 raise FramesError(f"{self.folder}: frame {index}: depth is of another size than its picture")
-        mask = read_mask(self.folder / str(frame["mask_path"]), depth.shape) if self.has_masks else None
-        height, width = depth.shape
-        told = (self._number(frame, "w", width), self._number(frame, "h", height))
-        if told != (width, height):
-            size = f"{width} × {height} pixels, w × h are {told[0]:g} × {told[1]:g}"
-            raise FramesError(f"{self._file}: frame {index}: its depth has {size}")
-        fx, fy, cx, cy = self._lens(index)
-        R, p = self._poses[index]
-        camera = ViewCamera(width, height, fx, fy, cx - 0.5, cy - 0.5, R, p)
-        metres = np.asarray(depth * np.float32(self._unit), dtype=np.float32)
+        mask = self._mask(self.folder / str(frame["mask_path"]), size) if self.has_masks else None
+        lens = self._lens_on(index, size, size if rgb is None else picture.shape[:2])
+        if lens.distortion:
+            self._refuse_folded(lens, index)
+            u, v = straightening(lens)
+            depth = depth_between(depth, u, v)
+            rgb = None if rgb is None else cv2.remap(rgb, u, v, cv2.INTER_LINEAR)
+            mask = None if mask is None else cv2.remap(mask.astype(np.uint8), u, v, cv2.INTER_NEAREST) > 0
+        camera = ViewCamera(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy, *self._poses[index])
         colours = None if rgb is None else np.asarray(rgb, dtype=np.uint8)
-        return RgbdFrame(index, float(index), colours, metres, mask, camera, camera)
+        return RgbdFrame(index, float(index), colours, depth, mask, camera, camera)
+
+    def _depth(self, path: Path) -> npt.NDArray[np.float32]:
+        """Return depth (h, w) [m], 0 where there is none."""
+        try:
+            raw = np.load(path) if path.suffix == ".npy" else read_image(path, cv2.IMREAD_UNCHANGED)
+        except (ValueError, OSError, EOFError):
+            raise FramesError(f"{path}: not a readable array") from None
+        if raw.ndim == 3 and raw.shape[2] == 1:
+            raw = raw[..., 0]
+        if raw.ndim != 2 or not (raw.dtype == np.uint16 or raw.dtype.kind == "f") or raw.size == 0:
+            raise FramesError(f"{path}: depth must be one channel of 16 bits or of floating point")
+        metres = np.asarray(raw * np.float32(self._unit), dtype=np.float32)
+        return np.where(np.isfinite(metres) & (metres > 0.0), metres, np.float32(0.0))
+
+    def _mask(self, path: Path, size: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+        """Return a mask on depth's grid (h, w)."""
+        mask = _on_grid(read_mask(path).astype(np.uint8), size, cv2.INTER_NEAREST)
+        if mask is None:
+            raise FramesError(f"{path}: the mask is of another size than depth")
+        return mask > 0
+
+    def _lens_on(self, index: int, size: tuple[int, ...], usual: tuple[int, ...]) -> Lens:
+        """Return a frame's lens on depth's grid (h, w); `usual`: the size that it is told for where w and h are not."""
+        frame, (height, width) = self._frames[index], size
+        w, h = self._number(frame, "w", usual[1]), self._number(frame, "h", usual[0])
+        if not (w > 0.0 and h > 0.0) or abs(width * h / (w * height) - 1.0) > _SQUARE:
+            told = f"{width} × {height} pixels, w × h are {w:g} × {h:g}"
+            raise FramesError(f"{self._file}: frame {index}: its depth has {told}")
+        (fx, fy, cx, cy), (x, y) = self._lens(index), (width / w, height / h)
+        bending = tuple(self._number(frame, key, 0.0) for key in _BENDING)
+        return Lens(width, height, x * fx, y * fy, x * cx - 0.5, y * cy - 0.5, bending if any(bending) else ())
 
     def _check_masks(self) -> bool:
         """Return whether there are masks; raises FramesError where some frames have one, and others do not."""
@@ -148,14 +184,23 @@ class TransformsFolder:
             raise FramesError(f"{self._file}: applied_transform holds no rotation")
         return np.asarray(np.linalg.inv(X), dtype=float), scale
 
-    def _refuse_bent(self) -> None:
-        """Raise FramesError where a frame, or what holds for all, tells of a lens that bends straight lines."""
+    def _refuse_other_lenses(self) -> None:
+        """Raise FramesError where a frame, or what holds for all, tells of a lens that is not OpenCV's usual one."""
         for where, frame in [("", {}), *((f"frame {k}: ", frame) for k, frame in enumerate(self._frames))]:
             model = str(frame.get("camera_model", self._all.get("camera_model", "OPENCV")))
-            bent = [key for key in _BENDING if self._number(frame, key, 0.0) != 0.0]
-            if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE") or bent:
-                what = f"camera_model {model}" if not bent else f"distortion {', '.join(bent)}"
-                raise FramesError(f"{self._file}: {where}{what}: only pictures without distortion are read")
+            for key in _BENDING:
+                self._number(frame, key, 0.0)
+            if model not in _LENSES or self._number(frame, "k4", 0.0) != 0.0:
+                what = f"camera_model {model}" if model not in _LENSES else "distortion k4"
+                raise FramesError(f"{self._file}: {where}{what}: only lenses with {', '.join(_BENDING)} are read")
+
+    def _refuse_folded(self, lens: Lens, index: int) -> None:
+        """Raise FramesError where a lens would show some place twice: no lens bends so much."""
+        x, y, _ = np.moveaxis(unit_rays(lens.straight), -1, 0)
+        xx, xy, yy = distortion_derivative(x, y, lens.distortion)
+        if (xx * yy - xy * xy < LENS.folded).any():
+            told = ", ".join(f"{k:g}" for k in lens.distortion)
+            raise FramesError(f"{self._file}: frame {index}: distortion {told} folds the picture over")
 
     def _number(self, frame: dict[str, Any], key: str, usual: float | None = None) -> float:
         value = frame.get(key, self._all.get(key, usual))
@@ -196,6 +241,16 @@ class TransformsFolder:
                 raise FramesError(f"{self._file}: hand_boxes {k}: low and high are not corners of boxes")
             found.append(Boxes(X, low, high))
         return found
+
+
+def _on_grid(image: npt.NDArray[Any], size: tuple[int, ...], how: int) -> npt.NDArray[Any] | None:
+    """Return an image with the pixels (h, w) of a grid; None: it shows another part of the world than the grid does."""
+    height, width = image.shape[:2]
+    if (height, width) == size:
+        return image
+    if abs(width * size[0] / (height * size[1]) - 1.0) > _SQUARE:
+        return None
+    return np.asarray(cv2.resize(image, (size[1], size[0]), interpolation=how))
 
 
 def _is_rigid(X: Array) -> bool:

@@ -23,7 +23,7 @@ from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.choosing import choose
 from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
-from twin_diagram.runs.learning.following import Followed, cover, follow, found_again
+from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew, found_again
 from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
@@ -262,8 +262,7 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     hand = Boxes(X_ST, *tools.gripper.boxes(tools.cell.apart))
     number, tilts = len(shown.X_ST) - 1, tilts_of(shown.seen, hand, tools.learning, p_WC)
     pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts)
-    before = shown.followed
-    shown.followed = follow(before, pictures, X_ST, TUNING.regrasped)
+    shown.followed = follow_anew(shown.followed, pictures, X_ST, TUNING.regrasped)
     shown.X_ST[-1] = shown.followed.X_ST[-1]
     shown.R_WT = R_WS_lying @ shown.X_ST[-1][:3, :3]
     hold_seen(tools, shown)
