@@ -104,6 +104,43 @@ def command(python: Path) -> Path:
     return python.parent / "twin-diagram"
 
 
+# Other interpreters.
+
+
+def interpreter(version: str) -> str | None:
+    """CPython of a version, on the PATH or of pyenv; None where there is none that runs."""
+    named = [shutil.which(f"python{version}")]
+    if shutil.which("pyenv"):
+        prefix = subprocess.run(["pyenv", "prefix", version], capture_output=True, text=True, timeout=60)
+        named.append(f"{prefix.stdout.strip()}/bin/python" if prefix.returncode == 0 else None)
+    for python in filter(None, named):
+        said = subprocess.run([python, "-V"], capture_output=True, text=True, timeout=60).stdout
+        if said.startswith(f"Python {version}."):
+            return python
+    return None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", ["3.10", "3.11", "3.12"])
+def test_other_interpreters(built: tuple[Path, Path], empty: Path, version: str) -> None:
+    """With the packages that are the newest there: their Drake and NumPy are others than these."""
+    if sys.version_info[:2] == tuple(map(int, version.split("."))):
+        pytest.skip("is the interpreter of all other tests")
+    other = interpreter(version)
+    if other is None:
+        pytest.skip(f"no CPython {version} on this machine")
+    ran(other, "-m", "venv", empty / "venv", cwd=empty)
+    python = empty / "venv" / "bin" / "python"
+    install(python, built[1])
+    ran(command(python), "init", "--arm", "arms/ur5e.urdf", "--out", "arm.yaml", cwd=empty)
+    told = ("--duration", 1.5, "--set", "twin.camera=null", "--log", "log.csv", "--out", "out")
+    assert "speed" in ran(command(python), "run", "arm.yaml", *told, cwd=empty).stdout
+    ran(command(python), "predict", "--model", "arms/ur5e.urdf", "--log", "log.csv", "--out", "p.csv", cwd=empty)
+    fit, held = gap_bench.write_runs(empty, [gap_bench.dry(3.0)])
+    model = gap_bench.MODEL if hasattr(gap_bench, "MODEL") else "arms/ur5e.urdf"
+    ran(command(python), "gap", "--model", model, "--fit", fit, "--holdout", held, "--out", "gap", cwd=empty)
+
+
 # The slim installation.
 
 
