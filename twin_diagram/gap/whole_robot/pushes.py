@@ -11,11 +11,13 @@ import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.external_force import external_forces
+from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
+from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.signals.arrays import Array
 
 
@@ -58,6 +60,10 @@ class Tuning:
     most: int = 3
     """Links that are looked at in each round."""
 
+    held: float = 3.2
+    """Times a joint's dry friction by which what holds it may change while it rests: from one direction to the other,
+    and before it slides it is up to 1.6 times what it is then."""
+
     nothing: float = 1e-30
     """Sum of squares below which a joint has nothing left: one that never moves, say [N²·m²]."""
 
@@ -93,6 +99,8 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
         quiet = replace(problem, variance=best.variance, share=best.share)
     if brief(best.candidate):
         return []
+    problem, z = while_sliding(problem, z, terms, best.candidate)
+    best = _Tried.of(problem, z, best.candidate)
     if best.score < TUNING.worth or beside_rough_friction(problem, z, best) < TUNING.worth:
         return []
     return [on_the_innermost(problem, z, terms, best.candidate)]
@@ -101,6 +109,33 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
 def brief(push: Candidate) -> bool:
     """Return whether what suits a push best is over too soon to be told from a burst of what any fit leaves."""
     return push.onset is not None and push.end is not None and push.end[1] - push.onset[1] < TUNING.shortest
+
+
+def while_sliding(problem: RobotProblem, z: Array, terms: Terms, push: Candidate) -> tuple[RobotProblem, Array]:
+    """Return the problem without samples at which dry friction can hold what a push brings to a joint, and its fit.
+
+    A joint that mostly rests keeps its samples otherwise, as it may have no friction.
+
+    Args:
+        problem: of what is there beside it, without it.
+        z: (Z,) its coordinates.
+        terms: of the same samples.
+        push: as it was found.
+    """
+    beside = replace(problem, sums=problem.sums.with_further([*problem.sums.further, push]))
+    fitted = solve(beside, None, np.concatenate([z, np.zeros(push.size)]))
+    brought = np.max(np.abs(push.columns @ fitted[-push.size :]), axis=0)
+    own = [x[10 * problem.n : 14 * problem.n].reshape(problem.n, len(OWN)) for x in (z, fitted)]
+    level = np.max([np.abs(x[:, OWN.index("coulomb")] + problem.sums.stated_dry) for x in own], axis=0)
+    weights = problem.sums.weights.copy()
+    for j, torque in zip(push.rows, brought, strict=True):
+        if torque < TUNING.held * level[j]:
+            weights[:, j] *= stiction.clear(terms.records, terms, j)
+    if np.array_equal(weights, problem.sums.weights):
+        return problem, z
+    problem = replace(problem, sums=problem.sums.weighted(weights))
+    problem = with_noise(problem, solve(problem, None, z))  # what was held is no noise
+    return problem, solve(problem, None, z)
 
 
 def beside_rough_friction(problem: RobotProblem, z: Array, push: _Tried) -> float:
