@@ -15,9 +15,12 @@ from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
+from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
 from twin_diagram.gap.whole_robot.torque_equations import OWN
+from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
+from twin_diagram.gap.whole_robot.well_told import share_along
 from twin_diagram.signals.arrays import Array
 
 
@@ -49,6 +52,10 @@ class Tuning:
 
     alike: float = 2.0
     """A push on an inner link suffices where it explains as much, but for this [nats]."""
+
+    rather: float = 0.8
+    """Share of what the best push explains from which on one whose wrench the motion tells is taken for it: the best
+    would have no name."""
 
     alone: float = 4.0
     """By how much more than others a push must explain that drives one joint alone [nats]: that is rather the joint's
@@ -179,6 +186,7 @@ class _Tried:
         rises: (n,) of each joint's log likelihood [nats].
         variance: (n,) of what is left beside it [N²·m²].
         share: (n,) of samples that are independent, without it or beside it.
+        told: whether force or moment are known well enough to be named.
     """
 
     candidate: Candidate
@@ -187,6 +195,7 @@ class _Tried:
     rises: Array
     variance: Array
     share: Array
+    told: bool
 
     @staticmethod
     def of(problem: RobotProblem, z: Array, candidate: Candidate) -> _Tried:
@@ -204,7 +213,9 @@ class _Tried:
         forces, both = _rank(candidate.columns[..., :3]), _rank(candidate.columns)
         score = float(np.sum(rises)) - TUNING.force * forces - TUNING.moment * (both - forces)
         drives = int(np.sum(size > TUNING.told * np.max(size)))
-        return _Tried(candidate, score, drives, rises, tried.variance, share)
+        spread = np.sqrt(np.diag(estimates.covariance(tried, fitted))[-candidate.size :])
+        told = share_along(fitted[-candidate.size :], spread) < WELL_TOLD.third
+        return _Tried(candidate, score, drives, rises, tried.variance, share, told)
 
 
 def _rank(columns: Array) -> int:
@@ -216,6 +227,9 @@ def _rank(columns: Array) -> int:
 def _innermost(tried: Sequence[_Tried]) -> _Tried:
     """Return the push on the innermost link that explains as much as any, but for little; inner links come first."""
     top = max(one.score for one in tried)
+    told = [one for one in tried if one.told and one.score > TUNING.rather * top]
+    if told:
+        tried, top = told, max(one.score for one in told)
     several = [one for one in tried if one.joints > 1]
     if several and max(one.score for one in several) > top - TUNING.alone:
         tried, top = several, max(one.score for one in several)
