@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tests.gap.made import ARM, PAN, effect, everywhere
+from tests.gap.made import ARM, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.external_force import external_forces
@@ -233,26 +233,6 @@ def test_what_friction_does_at_a_crawl_is_no_push(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.TUNING", replace(TUNING, shortest=0.0))
     assert not pushes(whole, start, terms)
     monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.beside_rough_friction", lambda *_: np.inf)
-    assert pushes(whole, start, terms)
-
-
-def test_what_dry_friction_holds_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A joint that mostly rests is held with whatever its motor gives it."""
-    records = noisy(ARM, ARM, 10.0)
-    (record,) = records.records
-    time, q, v, a = record.time, record.q.copy(), record.v.copy(), record.a.copy()
-    there, back = (np.pi * np.clip(time - begin, 0.0, 1.0) for begin in (1.0, 7.0))
-    q[:, PAN] = q[0, PAN] + 0.03 * (np.cos(back) - np.cos(there))
-    v[:, PAN] = 0.03 * np.pi * (np.sin(there) - np.sin(back))
-    a[:, PAN] = np.gradient(v[:, PAN], time)
-    given = ARM.inverse_dynamics(q, v, a)
-    torque = given + record.torque - record.given
-    torque[:, PAN] += 6.0 * (1.0 - np.clip((time - 5.5) / 0.25, 0.0, 2.0))
-    rests = replace(record, q=q, v=v, a=a, torque=torque, given=given, passed=given)
-    whole, start = settled(begun(records, equations(replace(records, records=(rests,)))))
-    terms = terms_of(whole.sums, ARM)
-    assert not pushes(whole, start, terms)
-    monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.TUNING", replace(TUNING, held=0.0))
     assert pushes(whole, start, terms)
 
 

@@ -11,14 +11,13 @@ import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.external_force import external_forces
-from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.held_joints import dry_levels, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
-from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
 from twin_diagram.gap.whole_robot.well_told import share_along
 from twin_diagram.signals.arrays import Array
@@ -121,8 +120,6 @@ def brief(push: Candidate) -> bool:
 def while_sliding(problem: RobotProblem, z: Array, terms: Terms, push: Candidate) -> tuple[RobotProblem, Array]:
     """Return the problem without samples at which dry friction can hold what a push brings to a joint, and its fit.
 
-    A joint that mostly rests keeps its samples otherwise, as it may have no friction.
-
     Args:
         problem: of what is there beside it, without it.
         z: (Z,) its coordinates.
@@ -132,17 +129,9 @@ def while_sliding(problem: RobotProblem, z: Array, terms: Terms, push: Candidate
     beside = replace(problem, sums=problem.sums.with_further([*problem.sums.further, push]))
     fitted = solve(beside, None, np.concatenate([z, np.zeros(push.size)]))
     brought = np.max(np.abs(push.columns @ fitted[-push.size :]), axis=0)
-    own = [x[10 * problem.n : 14 * problem.n].reshape(problem.n, len(OWN)) for x in (z, fitted)]
-    level = np.max([np.abs(x[:, OWN.index("coulomb")] + problem.sums.stated_dry) for x in own], axis=0)
-    weights = problem.sums.weights.copy()
-    for j, torque in zip(push.rows, brought, strict=True):
-        if torque < TUNING.held * level[j]:
-            weights[:, j] *= stiction.clear(terms.records, terms, j)
-    if np.array_equal(weights, problem.sums.weights):
-        return problem, z
-    problem = replace(problem, sums=problem.sums.weighted(weights))
-    problem = with_noise(problem, solve(problem, None, z))  # what was held is no noise
-    return problem, solve(problem, None, z)
+    level = np.maximum(dry_levels(problem, z), dry_levels(problem, fitted))
+    held = [j for j, torque in zip(push.rows, brought, strict=True) if torque < TUNING.held * level[j]]
+    return without_held(problem, z, terms, held)
 
 
 def beside_rough_friction(problem: RobotProblem, z: Array, push: _Tried) -> float:

@@ -70,7 +70,8 @@ def _known(sizes: Sequence[Estimate], finding: Finding, most: float) -> bool:
 
 def _share(size: Estimate, nothing: float) -> float:
     """Return the standard error as a share of what is said; of a wrench see `share_along`."""
-    return share_along(*(np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (size.value, size.std)), nothing)
+    value, std = (np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (size.value, size.std))
+    return share_along(value, std, nothing)
 
 
 def share_along(value: Array, std: Array, nothing: float = 0.0) -> float:
