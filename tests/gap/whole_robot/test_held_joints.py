@@ -10,7 +10,9 @@ import pytest
 
 from tests.gap.made import ARM, PAN
 from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.residuals.stiction import slides
 from twin_diagram.gap.whole_robot import late_torque
+from twin_diagram.gap.whole_robot.concluding import own_terms
 from twin_diagram.gap.whole_robot.explain import begun, settled
 from twin_diagram.gap.whole_robot.held_joints import dry_levels, without_held
 from twin_diagram.gap.whole_robot.late_torque import one_late
@@ -68,3 +70,15 @@ def test_what_is_held_does_not_count_for_a_joint_that_is_late(monkeypatch: pytes
     monkeypatch.setattr(late_torque, "gains_alone", none)
     assert one_late(*held()) is None
     assert judged[0] < 0.3
+
+
+def test_a_joint_that_never_slides_tells_of_no_damping() -> None:
+    whole, _ = held()
+    (record,) = whole.sums.records.records
+    crawl = record.v.copy()
+    crawl[:, PAN] *= 0.15  # at most 14 mrad/s
+    records = replace(whole.sums.records, records=(replace(record, v=crawl),))
+    assert slides(whole.sums.records).all()
+    assert slides(records).tolist() == [False, *[True] * 5]
+    assert own_terms(records)[PAN].tolist() == [False, True, True, True]
+    assert own_terms(records)[1:].all()
