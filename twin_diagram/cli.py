@@ -124,6 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("--model", help="the arm's description, for a bare log: URDF, SDF, MJCF or a corrected model")
     _add_scenario_options(replay)
     _add_columns(replay)
+    _add_joints(replay)
     replay.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg and summary.json")
     replay.set_defaults(command=_replay)
 
@@ -142,6 +143,7 @@ def _add_scenario_commands(commands: Any) -> None:
     init.add_argument("--arm", required=True, help="URDF, SDF or MJCF")
     init.add_argument("--out", required=True, type=Path, metavar="YAML", help="the scenario; must not exist yet")
     _add_packages(init)
+    _add_joints(init)
     init.set_defaults(command=_init)
 
     fields = commands.add_parser("fields", help="what a scenario's fields mean, with units and defaults")
@@ -160,6 +162,7 @@ def _add_log_commands(commands: Any) -> None:
     _add_torque_constants(predict)
     _add_torque_side(predict)
     _add_packages(predict)
+    _add_joints(predict)
     predict.set_defaults(command=_predict)
 
     gap = commands.add_parser("gap", help="find what a model lacks to explain measured logs, and add it")
@@ -176,6 +179,7 @@ def _add_log_commands(commands: Any) -> None:
     _add_torque_constants(gap)
     _add_torque_side(gap)
     _add_packages(gap)
+    _add_joints(gap)
     gap.set_defaults(command=_gap, refuse=gap.error)
 
 
@@ -210,6 +214,11 @@ def _add_torque_side(parser: argparse.ArgumentParser) -> None:
         help="of the gear that torques were measured on: what the motor gives, or a sensor behind the gear, where no "
         "rotor of its own shows (default: as the folder of a corrected model says, else motor)",
     )
+
+
+def _add_joints(parser: argparse.ArgumentParser) -> None:
+    said = "of one arm, in order, of a robot that has more; the others are held (default: all)"
+    parser.add_argument("--joints", nargs="+", default=(), metavar="JOINT", help=said)
 
 
 def _add_packages(parser: argparse.ArgumentParser) -> None:
@@ -301,7 +310,8 @@ def _replay(arguments: argparse.Namespace) -> int:
     from twin_diagram.runs.replayed import replay_scenario
 
     require_packages(*RUN)
-    scenario = replay_scenario(arguments.log, arguments.model, _overrides(arguments), arguments.columns)
+    given = (arguments.log, arguments.model, _overrides(arguments), arguments.columns, arguments.joints)
+    scenario = replay_scenario(*given)
     places_for(arguments.out, None, None)
     from twin_diagram.runs.early_check import check_given
 
@@ -319,7 +329,7 @@ def _replay(arguments: argparse.Namespace) -> int:
 def _init(arguments: argparse.Namespace) -> int:
     from twin_diagram.runs.first_scenario import write_first_scenario
 
-    found = write_first_scenario(arguments.arm, arguments.out, _packages(arguments))
+    found = write_first_scenario(arguments.arm, arguments.out, _packages(arguments), arguments.joints)
     print(f"{arguments.out}: {len(found.joints)} joints ({', '.join(found.joints)}), tool frame {found.frames[0]}")
     if found.loose:
         said = f"{', '.join(found.loose)}: without a motor in {arguments.arm}, so they hang loose"
@@ -343,7 +353,8 @@ def _predict(arguments: argparse.Namespace) -> int:
         raise TwinError(f"--horizon {arguments.horizon}: the length of a rollout is positive [s]")
     packages = _packages(arguments)
     given = (arguments.model, arguments.log, arguments.out, arguments.horizon, packages, arguments.columns)
-    predict(*given, say=print, torque_side=arguments.torque_side, constants=_constants(arguments))
+    more = {"torque_side": arguments.torque_side, "constants": _constants(arguments), "joints": arguments.joints}
+    predict(*given, say=print, **more)
     return 0
 
 
@@ -371,6 +382,7 @@ def _gap(arguments: argparse.Namespace) -> int:
             columns=arguments.columns,
             torque_side=arguments.torque_side,
             constants=_constants(arguments),
+            joints=arguments.joints,
         )
     except LinAlgError as error:  # more that could explain the runs than samples to tell it by
         raise TwinError(

@@ -12,7 +12,6 @@ built again.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -27,6 +26,7 @@ import trimesh
 SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parent), str(SIMS.parents[1])]
 
+import result_lines  # noqa: E402
 from asset_pictures import drawing  # noqa: E402
 from asset_pictures.page import write_page  # noqa: E402
 from reconstruction import score  # noqa: E402
@@ -161,14 +161,13 @@ def main() -> None:
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     file = args.out / "rows.jsonl"
-    done = {r["label"]: r for r in map(json.loads, file.read_text().splitlines())} if file.is_file() else {}
+    done = {r["label"]: r for r in result_lines.read(file)}
     print(f"{'':34} {'s':>6} {'scale %':>7} " + " ".join(f"{key:>7}" for key in COLUMNS))
     parts = []
     for row in rows(args.rows, args.views):
         if row.label not in done:
             done[row.label] = run(row, args.out)
-            with file.open("a") as written:
-                written.write(json.dumps(done[row.label]) + "\n")
+            result_lines.append(file, done[row.label])
         result = done[row.label]
         print(told(result), flush=True)
         shown = picture(args.out / "library" / str(result["folder"]), THINGS[row.thing]()) if "folder" in result else []

@@ -163,7 +163,7 @@ def score(folder: Path, quick: bool) -> Iterator[Row]:
 def naming(folder: Path, quick: bool) -> Iterator[Row]:
     """Several effects on several joints: the count of a run of `several_joints.py`."""
     results = SEVERAL / "results.jsonl"
-    records = several_joints.gap_benchmark.read_results(results) if results.is_file() else []
+    records = several_joints.result_lines.read(results)
     counted = [r for r in several_joints.apart(records) if r["seed"] >= 1000 and "error" not in r]
     if not counted:
         yield Row("right, wrong, unknown sets of 50", "five at 5 %, seven at 58 %", f"no results in {SEVERAL}")

@@ -59,6 +59,7 @@ import numpy as np
 SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
+import result_lines  # noqa: E402
 from gap_scoring import ablations, held_out, page, table, verdicts  # noqa: E402
 from gap_truth import cases, onsets, separation  # noqa: E402
 
@@ -120,7 +121,7 @@ def sizes(kinds: Iterable[str], seeds: Iterable[int], folder: Path) -> str:
     """How far apart cases are, and how well the truth's own columns tell them, without running any workflow."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "sizes.jsonl"
-    records = read_results(path)
+    records = result_lines.read(path)
     done = {(r["kind"], r["seed"]) for r in records}
     for seed in seeds:
         for kind in kinds:
@@ -131,8 +132,7 @@ def sizes(kinds: Iterable[str], seeds: Iterable[int], folder: Path) -> str:
             for part in separation.separations(case):
                 record = {"kind": kind, "seed": seed, **separation.as_dict(part, case), "values": values[part.name]}
                 records.append(record)
-                with path.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(record, default=float) + "\n")
+                result_lines.append(path, record)
     return table.sizes(records)
 
 
@@ -226,31 +226,18 @@ def one_case(
     return record
 
 
-def read_results(path: Path) -> list[dict[str, Any]]:
-    """Of a JSON-lines file; a last line that was cut off is left out."""
-    if not path.is_file():
-        return []
-    result = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
-            result.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-    return result
-
-
 def run(
     wanted: Iterable[tuple[str, int]], folder: Path, keep: bool = False, duration: float | None = None, jobs: int = 1
 ) -> list[dict[str, Any]]:
     """All cases that have no result yet, some at a time; answers all results."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "results.jsonl"
-    results = read_results(path)
+    results = result_lines.read(path)
     done = {(r["kind"], r["seed"]) for r in results}
     wanted = [case for case in wanted if case not in done]
     work = partial(_run_one, keep=folder / "cases" if keep else None, duration=duration)
     for count, record in enumerate(_dealt(work, wanted, jobs), 1):
-        _append(path, record)
+        result_lines.append(path, record)
         results.append(record)
         print(f"{count}/{len(wanted)} {_said(record)}", flush=True)
     return results
@@ -268,13 +255,6 @@ def _dealt(work: Callable[[Thing], Found], things: Sequence[Thing], jobs: int) -
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # for those that are started here
     with get_context("spawn").Pool(jobs, maxtasksperchild=RENEWED) as pool:
         yield from pool.imap_unordered(work, things)
-
-
-def _append(path: Path, record: dict[str, Any]) -> None:
-    """One more line, on a line of its own even where the last was cut off."""
-    whole = not path.is_file() or path.read_bytes()[-1:] in (b"", b"\n")
-    with path.open("a", encoding="utf-8") as file:
-        file.write(("" if whole else "\n") + json.dumps(record, default=float) + "\n")
 
 
 def _said(record: dict[str, Any]) -> str:
@@ -295,7 +275,7 @@ def ablate(suite: str, folder: Path, limit: int | None = None, jobs: int = 1) ->
     """Simpler methods on every tenth case of a suite; goes on where it stopped."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "ablations.jsonl"
-    records = read_results(path)
+    records = result_lines.read(path)
     done = {(r["method"], r["kind"], r["seed"]) for r in records}
     absent = {name: ablations.missing_method(name) for name in ablations.METHODS}
     open_ones = [
@@ -304,12 +284,12 @@ def ablate(suite: str, folder: Path, limit: int | None = None, jobs: int = 1) ->
     ]
     for found in _dealt(_ablate_one, [case for case in open_ones if case[2]], jobs):
         for record in found:
-            _append(path, record)
+            result_lines.append(path, record)
             said = f"{record['method']} {record['kind']} {record['seed']} separation {record['separation']:.3g}"
             print(f"{said}: {'right' if record['exact'] else 'WRONG'}, {len(record['claims'])} names", flush=True)
         records += found
     chosen = set(tenth(suite))
-    results = [r for r in read_results(folder / "results.jsonl") if (r["kind"], r["seed"]) in chosen]
+    results = [r for r in result_lines.read(folder / "results.jsonl") if (r["kind"], r["seed"]) in chosen]
     text = table.ablations(records, results)
     text += "".join(f"\nleft out: {name}: {why}" for name, why in absent.items() if why)
     (folder / "ablations.txt").write_text(text + "\n", encoding="utf-8")
@@ -339,10 +319,10 @@ def tenth(suite: str) -> list[tuple[str, int]]:
 
 def write_report(folder: Path) -> str:
     """The table and the page of a folder's results."""
-    results = read_results(folder / "results.jsonl")
+    results = result_lines.read(folder / "results.jsonl")
     if not results:
         return f"{folder}: no results yet"
-    ablated = read_results(folder / "ablations.jsonl")
+    ablated = result_lines.read(folder / "ablations.jsonl")
     text = table.report(results)
     if ablated:
         chosen = {(r["kind"], r["seed"]) for r in ablated}

@@ -27,6 +27,7 @@ from typing import Any
 SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
+import result_lines  # noqa: E402
 from whole_robots import runs, scoring, table  # noqa: E402
 
 LONGEST = 900.0
@@ -45,15 +46,13 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "results.jsonl"
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    results = [json.loads(line) for line in lines if line.endswith("}")]
+    results = result_lines.read(path)
     done = {(r["seed"], r["quick"]) for r in results}
     for seed in range(given.first, given.first + (0 if given.table else given.count)):
         if (seed, given.quick) in done:
             continue
         results.append(one(seed, given.quick, given.second))
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(results[-1], default=float) + "\n")
+        result_lines.append(path, results[-1])
         print(said(results[-1]), flush=True)
     print(table.text(results))
     return 0

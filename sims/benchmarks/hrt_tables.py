@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import math
 import sys
 import time
@@ -26,6 +25,7 @@ from typing import Any
 SIMS = Path(__file__).resolve().parent
 sys.path.insert(0, str(SIMS))
 
+import result_lines  # noqa: E402
 from hrt_bench import timings  # noqa: E402
 from hrt_bench.experiments import EXPERIMENTS, Bench  # noqa: E402
 from hrt_bench.report import report  # noqa: E402
@@ -75,16 +75,8 @@ def finite(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def read(path: Path, wanted: str | None) -> list[dict[str, Any]]:
-    """Lines of one digest; a line that was cut off is left out."""
-    result = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
-        try:
-            record = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        if wanted is None or record.get("digest") == wanted:
-            result.append(record)
-    return result
+    """Lines of one digest."""
+    return [record for record in result_lines.read(path) if wanted is None or record.get("digest") == wanted]
 
 
 def run(out: Path, quick: bool, only: list[str], processes: int) -> None:
@@ -94,18 +86,14 @@ def run(out: Path, quick: bool, only: list[str], processes: int) -> None:
     done = {(r["experiment"], r["seed"]) for r in read(path, code)}
     missing = [job for job in jobs(quick, only) if job not in done]
     print(f"code {code}: {len(done)} results there, {len(missing)} to run", flush=True)
-    with path.open("a", encoding="utf-8") as file, ProcessPoolExecutor(processes) as pool:
-        if path.stat().st_size and not path.read_bytes().endswith(b"\n"):
-            file.write("\n")
+    with ProcessPoolExecutor(processes) as pool:
         for future in as_completed([pool.submit(work, *job, out / "trained" / code) for job in missing]):
             result = {**future.result(), "digest": code}
-            file.write(json.dumps(result, ensure_ascii=False) + "\n")
-            file.flush()
+            result_lines.append(path, result)
             print(f"{result['experiment']} seed {result['seed']}: {result['cpu_s']} s CPU", flush=True)
     if (not only or "timings" in only) and ("timings", 0) not in done:
-        with path.open("a", encoding="utf-8") as file:
-            result = {"experiment": "timings", "seed": 0, "records": timings.measure(), "digest": code}
-            file.write(json.dumps(result, ensure_ascii=False) + "\n")
+        found = {"experiment": "timings", "seed": 0, "records": timings.measure(), "digest": code}
+        result_lines.append(path, found)
 
 
 def main() -> None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import cProfile
-import json
 import pstats
 import sys
 import time
@@ -27,6 +26,7 @@ SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 from planning_worlds.crowd import Crowd, crowded_scene  # noqa: E402
+from result_lines import append, read  # noqa: E402
 
 from twin_diagram import scenario  # noqa: E402
 from twin_diagram.planning import MotionPlanner  # noqa: E402
@@ -85,7 +85,7 @@ def main() -> None:
     planner.searcher = beside
     file = args.out / f"ticks_{args.rate:g}Hz_{seconds:g}s.jsonl"
     keep = not (args.quick or args.profile)
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if keep and file.is_file() else []
+    rows = read(file) if keep else []
     done = {row["seed"]: row for row in rows}
     profile = cProfile.Profile()
     for seed in range(args.first, args.first + count):
@@ -98,8 +98,7 @@ def main() -> None:
         done[seed] = {"seed": seed, "seconds": [s for s, _ in spent], "unsolved": sum(not ok for _, ok in spent)}
         if keep:
             args.out.mkdir(parents=True, exist_ok=True)
-            with file.open("a") as written:
-                written.write(json.dumps(done[seed]) + "\n")
+            append(file, done[seed])
         print(told(f"seed {seed}", done[seed]["seconds"]), f"unsolved {done[seed]['unsolved']}", flush=True)
     beside.close()
     wanted = [done[seed] for seed in range(args.first, args.first + count)]

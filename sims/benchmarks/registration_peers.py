@@ -50,14 +50,27 @@ def cell(name: str, profile: str, hidden: float, args: argparse.Namespace) -> No
                 held = float(min(trials.squared(trial, *one) for one in allowed) < HELD)
             rows[method].append((metres, angle, spent, nees, held))
     for method, values in rows.items():
-        a = np.array(values)
-        inside = np.mean((a[:, 0] < bound[0]) & (a[:, 1] < bound[1]))
-        print(
-            f"{name:24s} {profile:7s} {hidden:3.0%} {method:15s} {inside:6.1%} {1e3 * np.median(a[:, 0]):6.2f} mm"
-            f" {np.degrees(np.median(a[:, 1])):6.2f}° {1e3 * np.median(a[:, 2]):6.1f} ms  NEES {np.mean(a[:, 3]):6.2f}"
-            f" median {np.median(a[:, 3]):5.2f} truth held {np.mean(a[:, 4]):6.1%}",
-            flush=True,
-        )
+        print(f"{name:24s} {profile:7s} {hidden:3.0%} {method:15s} {told(np.array(values), bound)}", flush=True)
+
+
+def told(rows: np.ndarray, bound: tuple[float, float]) -> str:
+    """Return a method's figures.
+
+    Args:
+        rows: (N, 5) of each trial: error [m] and [rad], time [s], squared error over what is claimed, and whether the
+            truth is among the hypotheses; the last two are not a number where nothing is claimed.
+        bound: [m], [rad].
+    """
+    inside = np.mean((rows[:, 0] < bound[0]) & (rows[:, 1] < bound[1]))
+    metres, angle, spent = np.median(rows[:, :3], axis=0)
+    text = f"{inside:6.1%} {1e3 * metres:6.2f} mm {np.degrees(angle):6.2f}° {1e3 * spent:6.1f} ms"
+    claims = rows[np.isfinite(rows[:, 3])]
+    if not len(claims):
+        return text
+    # Where nothing was found, the truth is among no hypotheses.
+    held = claims[:, 4].sum() / len(rows)
+    text += f"  NEES {np.mean(claims[:, 3]):6.2f} median {np.median(claims[:, 3]):5.2f} truth held {held:6.1%}"
+    return text + (f", {len(rows) - len(claims)} not found" if len(claims) < len(rows) else "")
 
 
 def main() -> int:

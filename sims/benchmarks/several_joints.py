@@ -31,6 +31,7 @@ SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 import gap_benchmark  # noqa: E402
+import result_lines  # noqa: E402
 from gap_scoring import verdicts  # noqa: E402
 from gap_truth import several_joints  # noqa: E402
 
@@ -103,14 +104,14 @@ def run(seeds: range, count: int, out: Path, keep: bool) -> list[Record]:
     """Seeds without a result, until so many are far enough apart."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / "results.jsonl"
-    done = {record["seed"]: record for record in gap_benchmark.read_results(path)}
+    done = {record["seed"]: record for record in result_lines.read(path)}
     results: list[Record] = []
     for seed in seeds:
         if len(apart(results)) == count:
             break
         if seed not in done:
             done[seed] = one_seed(seed, out / "cases" if keep else None)
-            gap_benchmark._append(path, done[seed])
+            result_lines.append(path, done[seed])
             print(said(done[seed]), flush=True)
         results.append(done[seed])
     return results
@@ -178,7 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
     if given.command == "run":
         results = run(range(given.first, given.first + 10 * given.count), given.count, given.out, given.keep)
     else:
-        done = {record["seed"]: record for record in gap_benchmark.read_results(given.out / "results.jsonl")}
+        done = {record["seed"]: record for record in result_lines.read(given.out / "results.jsonl")}
         results = [done[seed] for seed in sorted(done) if seed >= given.first][: 10 * given.count]
     print(table(results))
     return 0

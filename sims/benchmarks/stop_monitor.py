@@ -31,6 +31,7 @@ from braking_bench import worlds  # noqa: E402
 from braking_bench.counting import ArmCame, wilson  # noqa: E402
 from braking_bench.rogues import KINDS  # noqa: E402
 from braking_bench.told_perception import ToldPerception  # noqa: E402
+from result_lines import append, read  # noqa: E402
 
 from twin_diagram.model.model import Model  # noqa: E402
 from twin_diagram.runs.true_clearance import TrueClearance  # noqa: E402
@@ -177,7 +178,7 @@ def main() -> None:
     counts = (8, 2) if args.quick else (args.count, args.ordinary)
     args.out.mkdir(parents=True, exist_ok=True)
     file = args.out / "trials.jsonl"
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.is_file() else []
+    rows = read(file)
     done = {(row["kind"], row["seed"], row["bare"]) for row in rows}
     wanted = [(KINDS[seed % len(KINDS)], seed) for seed in range(args.first, args.first + counts[0])]
     wanted += [("ordinary", seed) for seed in range(args.first, args.first + counts[1])]
@@ -186,8 +187,7 @@ def main() -> None:
             continue
         row = ordinary_run(seed, args.bare) if kind == "ordinary" else rogue_run(kind, seed, args.bare)
         rows.append(row)
-        with file.open("a") as written:
-            written.write(json.dumps(row) + "\n")
+        append(file, row)
         print(
             f"{kind} {seed}: touched {row['touched']:.2f}, {len(row['brakes'])} brakes, {row['cpu_s']:.0f} s",
             flush=True,

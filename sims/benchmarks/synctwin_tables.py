@@ -27,7 +27,6 @@ moved in the hand ≤ 10 mm and 10°, nothing else moved > 1 cm. Writes `OUT/gra
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -40,6 +39,7 @@ SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 from pose_truth.things import thing  # noqa: E402
+from result_lines import append, read  # noqa: E402
 from synctwin_truth import avoidance, half_hidden, motions, stage_one, table_one, table_three_rows, table_two_rows  # noqa: E402
 from tabletop.casting import data_dir  # noqa: E402
 
@@ -128,7 +128,7 @@ def main() -> None:
     count, views = (1, 10) if args.quick else (args.count, args.views)
     args.out.mkdir(parents=True, exist_ok=True)
     file = args.out / "trials.jsonl"
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.is_file() else []
+    rows = read(file)
     wanted = range(args.first, args.first + count)
     keys = ("thing", "profile", "hidden", "seed", "views")
     done = {tuple(row[key] for key in keys) for row in rows}
@@ -142,8 +142,7 @@ def main() -> None:
                         continue
                     row = run_one(args.out, name, profile, wrong, hidden, seed, views)
                     rows.append(row)
-                    with file.open("a") as written:
-                        written.write(json.dumps(row) + "\n")
+                    append(file, row)
                     said = [*(f"{1000 * e:.1f}" for e in row["errors"][:3]), "mm"]
                     said += [*(f"{np.degrees(e):.1f}" for e in row["errors"][3:]), "°"]
                     print(f"{profile} {name} {'hidden' if hidden else 'open'} {seed}:", *said, flush=True)

@@ -18,28 +18,16 @@ way to `OUT/results.jsonl`, goes on where it stopped, and `OUT/report.txt`.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+from result_lines import append, read
 from weighing_truth.report import report
 from weighing_truth.trial import run
 
 QUICK = 12
-
-
-def read(path: Path) -> list[dict[str, Any]]:
-    """Results so far; a line that was cut off is left out."""
-    result = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
-        try:
-            result.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-    return result
 
 
 def main() -> None:
@@ -62,8 +50,8 @@ def main() -> None:
             continue
         rows = run(seed, given.torque_side, given.quick)
         rows[-1]["last"] = True
-        with path.open("a", encoding="utf-8") as file:
-            file.write("".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows))
+        for row in rows:
+            append(path, row)
         print(f"seed {seed}: {rows[0].get('failed') or rows[0]['kind'] + ', ' + rows[0]['load']}", flush=True)
     rows = list({(row["seed"], row.get("noise"), row.get("way")): row for row in read(path)}.values())
     text = report([row for row in rows if row["seed"] in wanted or given.report]) if rows else "nothing there"

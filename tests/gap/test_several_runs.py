@@ -20,6 +20,7 @@ from twin_diagram.gap.report.gap_json import one_per_name
 from twin_diagram.gap.whole_robot import few_or_whole
 from twin_diagram.gap.workflow import run_gap
 from twin_diagram.logs import Log, fingerprint, write_log
+from twin_diagram.logs.parting import parted
 from twin_diagram.model.effects import make, spec_of
 from twin_diagram.model.effects.timing import in_run
 from twin_diagram.model.model import Model
@@ -41,6 +42,21 @@ def switched(model: Model, seed: int, moment: float, effects: Sequence[EffectSpe
     dry = bench.run(model, effects or [bench.dry()], seed=seed)
     assert healthy.torque is not None and dry.torque is not None
     return replace(healthy, torque=np.where((healthy.time >= moment)[:, None], dry.torque, healthy.torque))
+
+
+@pytest.mark.long
+def test_what_starts_after_a_silence_has_its_time_looked_for_there(model: Model) -> None:
+    """Stretches of one run share its mark; the time was looked for in the first of them, where it is not."""
+    run = switched(model, 1, 5.5)
+    heard = (run.time < 3.0) | (run.time > 3.3)
+    assert run.torque is not None
+    gap = replace(run, time=run.time[heard], position=run.position[heard], torque=run.torque[heard])
+    runs = parted(gap, 2.0)
+    assert len(runs) == 2
+    added = add(model, runs, [bench.friction_finding(2.7, onset=bench.begin(1, 5.4))])
+    (finding,) = added.findings
+    assert finding.onset is not None
+    assert finding.onset.time == pytest.approx(5.5, abs=0.02) and finding.onset.std < 0.05
 
 
 @pytest.mark.long

@@ -88,7 +88,7 @@ def test_published_layouts_are_read(write: Callable[..., Path], given: Any, has_
         (tmp_path / "map.yaml").write_text(yaml.safe_dump(given))
         given = tmp_path / "map.yaml"
     log = read_log(path, given)
-    assert log.numbered and len(log.joints) == n
+    assert log.numbered and len(log.joints) == n and log.link_side == (write is not ur_rtde)
     np.testing.assert_allclose(log.time, t, atol=3e-7)
     np.testing.assert_allclose(log.position, q, rtol=1e-12)
     np.testing.assert_allclose(log.motor_torque, tau, rtol=1e-12)
@@ -97,6 +97,16 @@ def test_published_layouts_are_read(write: Callable[..., Path], given: Any, has_
         np.testing.assert_allclose(log.velocity, v, rtol=1e-12)
     names = [f"joint_{k}" for k in range(n)]
     assert log.select(names).joints == tuple(names)
+
+
+def test_what_a_map_says_goes_before_its_preset() -> None:
+    fields = {"time": {"column": "t", "unit": "ms"}, "torque_measured": {"unit": "mN·m"}}
+    meaning = parse({"preset": "ur_rtde_torque", **fields}, "map.yaml")
+    assert (meaning.time.name, meaning.time.scale) == ("t", 1e-3)
+    assert meaning.signals["torque_measured"][5].name == "actual_current_as_torque_5"
+    assert meaning.signals["torque_measured"][5].scale == 1e-3
+    with pytest.raises(LogError, match="torque_measured: is a mapping"):
+        parse({"preset": "ur_rtde", "torque_measured": None}, "map.yaml")
 
 
 def test_presets_cite_where_their_names_come_from() -> None:
@@ -178,6 +188,7 @@ GOOD: dict[str, Any] = {
         ({"position_measured": {"column": "q{i}", "first": True}}, "not a whole number"),
         ({"position_measured": "q"}, "is a mapping"),
         ({"time": {"column": "t", "unit": "h"}}, "'h' is none of"),
+        ({"time": {"column": "t", "unit": ["ms"]}}, "['ms'] is none of"),
         ({"time": "t"}, "names a column"),
         ({"positions": {}}, "'positions' is no field"),
         ({"preset": "kuka"}, "'kuka' is none of"),
@@ -214,6 +225,9 @@ def test_files_that_do_not_fit_are_refused_in_one_line(tmp_path: Path) -> None:
         read_log(path, "libfranka")
     path.write_text("\n".join([*text[:5], text[5].replace(",", ", x", 2), *text[6:]]))
     with pytest.raises(LogError, match=r"line 6: state.q\[0\] is 'x"):
+        read_log(path, "libfranka")
+    path.write_text(text[0])
+    with pytest.raises(LogError, match=r"holds 0 sample\(s\)"):
         read_log(path, "libfranka")
     with pytest.raises(LogError, match="bags and LCM logs name their signals"):
         (tmp_path / "a.mcap").write_bytes(b"")

@@ -59,6 +59,13 @@ def test_round_trip(tmp_path: Path, suffix: str) -> None:
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
+def test_names_of_joints_may_hold_what_parts_cells(tmp_path: Path) -> None:
+    names = ("slide, left", 'the "big" one', "#1", "<b>ü</b>" + 60 * "x")
+    log = Log(np.arange(12) / 100.0, names, np.ones((12, 4)), torque=np.ones((12, 4)))
+    write_log(log, tmp_path / "a.csv")
+    assert same(log, read_log(tmp_path / "a.csv"))
+
+
 @settings(max_examples=40)
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64), min_size=10, max_size=20))
 def test_any_number_is_written_without_loss(tmp_path_factory: pytest.TempPathFactory, values: list[float]) -> None:

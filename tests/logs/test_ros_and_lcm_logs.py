@@ -136,6 +136,11 @@ def test_a_gripper_that_shares_the_topic(tmp_path: Path) -> None:
     assert found.position[:, 7] == pytest.approx(0.2 * (HEALTHY.time[inside] - 0.0025), abs=1e-9)
     assert [w.code for w in check(found, MODEL.limits)] == ["unknown_joint"]
 
+    elsewhere = [replace(state, stamp=state.stamp + 10**11) for state in fingers]
+    found = read_log(write_bag(tmp_path / "c.mcap", [*states_of(HEALTHY), *elsewhere]))
+    same(found, HEALTHY)
+    assert [w.code for w in check(found, MODEL.limits)] == ["left_out"] and "other times" in found.notes[0]
+
     idle = [State(s.names, s.position, s.velocity, [0.0], s.stamp) for s in fingers]
     states = sorted([*states_of(HEALTHY), *idle], key=lambda state: state.stamp)
     found = read_log(write_bag(tmp_path / "b.mcap", states))
@@ -264,8 +269,9 @@ def test_an_lcm_log_holds_what_went_in(tmp_path: Path, make: Callable[[Log, int]
     messages.insert(0, (channel, lcmt_panda_status().encode()))  # the arm is not there yet
     found = read_log(write_lcm(tmp_path / "lcmlog-2026-01-01.00", messages))
     assert found.numbered
-    model, log, warnings = load_model_for(found, PANDA)
-    assert warnings == []
+    model, log, [warning] = load_model_for(found, PANDA)
+    assert warning.code == "torque_side" and "--torque-side link" in warning.message
+    assert load_model_for(found, PANDA, torque_side="link")[2] == []
     same(log, HEALTHY)
     assert log.position_commanded is not None
     assert np.array_equal(log.position_commanded, HEALTHY.position)

@@ -625,7 +625,7 @@ def test_runs_go_on_where_they_stopped(tmp_path: Path, monkeypatch: pytest.Monke
         file.write('{"kind": "single", "se')  # the power went
     results = gap_benchmark.run(wanted, tmp_path)
     assert sorted(asked) == sorted(wanted) and len(results) == len(wanted)
-    written = gap_benchmark.read_results(tmp_path / "results.jsonl")
+    written = gap_benchmark.result_lines.read(tmp_path / "results.jsonl")
     assert sorted((r["kind"], r["seed"]) for r in written) == sorted(wanted)
     assert "cases" in gap_benchmark.write_report(tmp_path)
 

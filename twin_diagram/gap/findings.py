@@ -167,6 +167,8 @@ class Verdict:
         noise_floor: (n,) standard deviation of the torque noise below the residual's cutoff [N·m].
         statistic: of the omnibus test, and what it was held against.
         remainder_statistic: of the test for structure that is left.
+        recorded: (n,) residual torque that the given model, corrected before, is known to leave, to which what is left
+            now comes again [N·m]; None: nothing is known of it.
     """
 
     verdict: Literal["named", "none", "unknown"]
@@ -178,3 +180,4 @@ class Verdict:
     statistic: float = 0.0
     remainder_statistic: float = 0.0
     seconds: dict[str, float] = field(default_factory=dict)
+    recorded: Array | None = None

@@ -130,6 +130,7 @@ def run_gap(
     columns: str | Path | None = None,
     torque_side: str | None = None,
     constants: TorqueConstants | None = None,
+    joints: Sequence[str] = (),
 ) -> Gap:
     """Find what a model lacks, add it, and show the gap shrink.
 
@@ -138,23 +139,22 @@ def run_gap(
         fit: measured logs to find it in, or a single one.
         holdout: a measured log that is used for nothing but the proof.
         out: folder for gap.json, model/, experiments/ and report.html; None: nothing is written.
-        say: told what is being done, and how much time is left.
+        say: told what is done, and how long it takes.
         packages: local folders for `package://` names.
         columns: what foreign logs' columns mean, see `read_log`.
         torque_side: of the gears that torques were measured on: `motor`, or `link`, where no rotor shows;
             None: as the folder of a corrected model says, else `motor`.
         constants: of the motors, where the logs hold currents.
+        joints: of one arm, in order, of a robot that has more; empty: all.
 
     Raises:
         TwinError: model, logs or folder cannot be used; nothing is written.
     """
-    say = Stages(STAGES, say or (lambda text: None))
-    begin = time.perf_counter()
+    say, begin = Stages(STAGES, say or (lambda text: None)), time.perf_counter()
     if out is not None and (why := why_not(out, folder=True)):
         raise TwinError(f"--out {out}: {why}")
     say("reading the logs")
-    fit = [fit] if isinstance(fit, (str, Path)) else fit
-    given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants)
+    given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants, joints)
     notes += torque_sense.checked(given, logs)
     records = prepare(given, logs)
     standing = corrected_folder.standing_of(model)
@@ -288,19 +288,21 @@ def _unlisted(out: Path) -> list[str]:
 
 def _read(
     model: str | Path,
-    fit: Sequence[str | Path],
+    fit: str | Path | Sequence[str | Path],
     holdout: str | Path,
     packages: Mapping[str, str | Path] | None,
     columns: str | Path | None = None,
     torque_side: str | None = None,
     constants: TorqueConstants | None = None,
+    joints: Sequence[str] = (),
 ) -> tuple[Model, list[Log], Log, list[str]]:
     expect_path(model, "model", "a URDF, SDF or MJCF file, or of a corrected model's folder")
+    fit = [fit] if isinstance(fit, (str, Path)) else fit
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
     if not Path(model).exists():
         raise ModelError(f"{model}: no such file or folder")
-    given, first, warnings = load_model_for(read_log(fit[0], columns), model, packages, torque_side, constants)
+    given, first, warnings = load_model_for(read_log(fit[0], columns), model, packages, torque_side, constants, joints)
     logs = _stretches(first, warnings)
     for path in fit[1:]:  # one at a time: each may be as large as all that is kept of them
         own, more = as_explained(given, read_log(path, columns), constants)

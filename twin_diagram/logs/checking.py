@@ -42,7 +42,7 @@ class LogWarning:
 
     Attributes:
         code: `gap`, `jitter`, `beyond_limits`, `torque_beyond_limits`, `velocity_scale`, `no_motion`, `no_torque`,
-            `unknown_joint`, `left_out`, `wrapped`, `parted`, `spike`.
+            `unknown_joint`, `left_out`, `wrapped`, `parted`, `spike`, `torque_side`.
         message: one line.
         joint: that it is about, or empty.
     """
@@ -155,8 +155,8 @@ def _against(log: Log, arm: JointLimits) -> list[LogWarning]:
     missing = [joint for joint in arm.joints if joint not in log.joints]
     if missing:
         why = "".join(f" ({note.removeprefix(f'{log.source}: ')})" for note in log.notes)
-        if not arm.revolute[arm.joints.index(missing[0])]:
-            why += "; if it is held where it is, name the others in `joints` of the model's effects.yaml"
+        if len(missing) < len(arm.joints):
+            why += "; if it is held where it is, or another arm's, name those of the arm with --joints"
         raise LogError(
             f"{log.source}: joint {missing[0]!r} of the model is missing; the log holds {', '.join(log.joints)}{why}"
         )

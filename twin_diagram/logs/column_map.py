@@ -24,7 +24,7 @@ import yaml
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.measured_log import SIGNALS
-from twin_diagram.logs.presets import PRESETS
+from twin_diagram.logs.presets import PRESETS, Preset
 from twin_diagram.signals.arrays import Array
 
 TIMES: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -72,6 +72,7 @@ class ColumnMap:
         joints: their names, or `#1`, `#2` and so on where they are only numbered.
         numbered: whether they are.
         signals: by the log format's names, one column per joint.
+        link_side: whether its preset's torques are measured behind the gears.
     """
 
     source: str
@@ -79,6 +80,7 @@ class ColumnMap:
     joints: tuple[str, ...]
     numbered: bool
     signals: Mapping[str, tuple[Column, ...]]
+    link_side: bool = False
 
     def names(self) -> list[str]:
         """Return the file's columns that are read."""
@@ -102,7 +104,7 @@ class ColumnMap:
                 )
         # Counted from the first sample before it is scaled: nanoseconds since 1970 have no room for fractions.
         time = columns[self.time.name]
-        result = {"time": (time - time[0]) * self.time.scale}
+        result = {"time": (time - time[:1]) * self.time.scale}
         for signal, of_joints in self.signals.items():
             for joint, column in zip(self.joints, of_joints, strict=True):
                 result[f"{signal}.{joint}"] = columns[column.name] * column.scale
@@ -139,7 +141,11 @@ def parse(content: Mapping[str, Any], source: str) -> ColumnMap:
     Raises:
         LogError: a field that cannot be; the message names it.
     """
-    content, arm = _with_preset(dict(content), source)
+    preset = _preset(content.get("preset"), source)
+    arm = 0 if preset is None else preset.joints
+    link_side = preset is not None and preset.side == "link"
+    content = {key: value for key, value in content.items() if key != "preset"}
+    content = content if preset is None else _over(preset, content)
     _known(content, ("joints", "time", *SIGNALS), source)
     joints = _joints(content.get("joints"), arm, content, source)
     time = content.get("time", {"column": "time"})
@@ -156,23 +162,28 @@ def parse(content: Mapping[str, Any], source: str) -> ColumnMap:
         raise LogError(f"{source}: position_measured: is missing; a log needs measured positions")
     if not {"torque_measured", "torque_commanded"} & set(signals):
         raise LogError(f"{source}: torque_measured: is missing; a log needs measured or commanded torques")
-    return ColumnMap(source, Column(time["column"], TIMES[unit]), joints, "joints" not in content, signals)
+    named = "joints" in content
+    return ColumnMap(source, Column(time["column"], TIMES[unit]), joints, not named, signals, link_side)
 
 
-def _with_preset(content: dict[str, Any], source: str) -> tuple[dict[str, Any], int]:
-    """Return the content over its preset's, and how many joints the preset's arm has, 0 for none."""
-    name = content.pop("preset", None)
+def _preset(name: Any, source: str) -> Preset | None:
     if name is None:
-        return content, 0
+        return None
     preset = PRESETS.get(str(name))
     if preset is None:
         raise LogError(f"{source}: preset: {name!r} is none of {', '.join(PRESETS)}")
-    merged: dict[str, Any] = {"time": dict(preset.time)}
-    for signal, fields in preset.signals.items():
-        own = content.get(signal, {})
-        kept = {key: value for key, value in fields.items() if key != "column" or "columns" not in own}
-        merged[signal] = {**kept, **own} if isinstance(own, Mapping) else own
-    return {**content, **merged, **{key: content[key] for key in content if key not in merged}}, preset.joints
+    return preset
+
+
+def _over(preset: Preset, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a map says, over what its preset does."""
+    merged = dict(content)
+    for name, fields in {"time": preset.time, **preset.signals}.items():
+        own = content.get(name, {})
+        if isinstance(own, Mapping):
+            kept = {key: value for key, value in fields.items() if key != "column" or "columns" not in own}
+            merged[name] = {**kept, **own}
+    return merged
 
 
 def _joints(given: Any, arm: int, content: Mapping[str, Any], source: str) -> tuple[str, ...]:
@@ -255,9 +266,9 @@ def _numbers(value: Any, joints: Sequence[str], name: str, where: str) -> Array:
 
 
 def _unit(unit: Any, units: Mapping[str, float], where: str) -> str:
-    if unit not in units:
+    if not isinstance(unit, str) or unit not in units:
         raise LogError(f"{where}: unit: {unit!r} is none of {', '.join(units)}")
-    return str(unit)
+    return unit
 
 
 def _known(given: Mapping[str, Any], names: Sequence[str], where: str) -> None:

@@ -89,6 +89,7 @@ def _log(source: str, channel: str, messages: list[tuple[int, Status]]) -> Log:
         position_commanded=np.stack(commanded) if all(len(values) == n for values in commanded) else None,
         source=source,
         numbered=True,
+        link_side=True,
     )
 
 

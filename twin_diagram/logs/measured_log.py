@@ -38,6 +38,7 @@ class Log:
         notes: what its reader found worth saying.
         numbered: whether its joints are only numbered, in a model's order: any model's names fit.
         currents: whether its torques are the motors' currents [A], which `TorqueConstants` makes torques of.
+        link_side: whether its reader knows that torques were measured behind the gears.
     """
 
     time: Array
@@ -52,6 +53,7 @@ class Log:
     notes: tuple[str, ...] = ()
     numbered: bool = False
     currents: bool = False
+    link_side: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))

@@ -103,7 +103,7 @@ def _foreign(path: Path, columns: str | Path) -> Log:
     offset = 0 if suffix == ".npz" else 2
     translated = meaning.translated(found, str(path))
     log = log_from_columns(translated, str(path), lambda sample: f"{place} {sample + offset}")
-    return replace(log, numbered=meaning.numbered)
+    return replace(log, numbered=meaning.numbered, link_side=meaning.link_side)
 
 
 def _parted(path: Path) -> tuple[Path, str]:
@@ -121,6 +121,7 @@ def _checked(log: Log) -> Log:
         log_from_columns(log.columns(), log.source, lambda sample: f"sample {sample}"),
         notes=log.notes,
         numbered=log.numbered,
+        link_side=log.link_side,
     )
 
 

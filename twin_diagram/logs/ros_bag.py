@@ -62,9 +62,14 @@ def read_ros_bag(path: Path, topic: str = "") -> Log:
             parts.append(part)
     if not parts:
         raise LogError(f"{source}: its joint states hold no effort, which is the torque that is needed")
-    log, begin = max(parts, key=lambda pair: (len(pair[0].joints), len(pair[0])))
-    for other, start in parts:
-        log = log if other is log else _beside(log, other, (start - begin) * 1e-9)
+    most = max(parts, key=lambda pair: (len(pair[0].joints), len(pair[0])))
+    log, begin = most
+    for other, start in (pair for pair in parts if pair is not most):
+        both = _beside(log, other, (start - begin) * 1e-9)
+        if len(both):
+            log = both
+        else:
+            notes.append(f"{source}: left out {', '.join(other.joints)}: told of at other times than the others")
     return Log(
         time=log.time - log.time[0],
         joints=log.joints,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 from collections.abc import Mapping
 from pathlib import Path
@@ -55,5 +56,6 @@ def _npz(columns: Mapping[str, Array]) -> bytes:
 
 def _csv(columns: Mapping[str, Array]) -> str:
     table = np.stack(list(columns.values()), axis=1).tolist()
-    lines = [",".join(columns), *(",".join(map(repr, row)) for row in table)]  # repr is the shortest text without loss
-    return "\n".join(lines) + "\n"
+    head = io.StringIO()
+    csv.writer(head, lineterminator="\n").writerow(columns)  # a joint's name may hold a comma
+    return head.getvalue() + "".join(",".join(map(repr, row)) + "\n" for row in table)  # repr loses nothing

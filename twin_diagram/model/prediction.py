@@ -6,7 +6,7 @@ The gap between model and measurement is computed from these alone.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from twin_diagram.logs.straightening import straightened
 from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.logs.writing import check_kind
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.description import held_joints
 from twin_diagram.model.model import Model
 from twin_diagram.model.rollout import rollout, trajectory
 from twin_diagram.runtime.output_place import why_not
@@ -208,20 +209,31 @@ def load_model_for(
     packages: Mapping[str, str | Path] | None = None,
     torque_side: str | None = None,
     constants: TorqueConstants | None = None,
+    joints: Sequence[str] = (),
 ) -> tuple[Model, Log, list[LogWarning]]:
     """Return a model and a log that go together.
 
     The model with the log's joints, the log in the model's order, checked.
 
-    Joints of the description that are driven by default must be in the log; prismatic joints become the arm's where
-    the log has them. `torque_side` as of `Model.load`, `constants` as of `as_explained`.
+    Joints of the description that are driven by default must be in the log, but for those that the logged ones do not
+    feel: another arm's, which are held. Prismatic joints become the arm's where the log has them. `torque_side` as of
+    `Model.load`, `constants` as of `as_explained`; `joints` names those of one arm of a robot that has more.
 
     Raises:
         ModelError: see `Model.load`.
         LogError: see `logs.check`.
     """
     spec = description.resolve(model, packages)
+    if joints:
+        named = Model.load(replace(spec, joints=list(joints)), packages, torque_side=torque_side)
+        return (named, *as_explained(named, log, constants))
     loaded = Model.load(spec, packages, torque_side=torque_side)
+    held = []
+    if apart := _of_another_arm(loaded, log):
+        rest = [joint for joint in loaded.joints if joint not in apart]
+        loaded = Model.load(replace(spec, joints=rest), packages, torque_side=torque_side)
+        said = f"{log.source}: lacks {', '.join(apart)}, which the arm in it does not feel: they are held"
+        held = [LogWarning("held_joints", said)]
     movable = [
         joint.name()
         for joint in map(loaded.plant.get_joint, loaded.plant.GetJointIndices())
@@ -230,7 +242,17 @@ def load_model_for(
     logged = [joint for joint in movable if joint in loaded.joints or joint in log.joints]
     if len(logged) > len(loaded.joints):
         loaded = Model.load(replace(spec, joints=logged), packages, torque_side=torque_side)
-    return (loaded, *as_explained(loaded, log, constants))
+    own, warnings = as_explained(loaded, log, constants)
+    return loaded, own, [*held, *warnings]
+
+
+def _of_another_arm(model: Model, log: Log) -> list[str]:
+    """Return the model's joints that a log lacks, where none of them carries a logged one or is carried by one."""
+    every = [model.plant.get_joint(index) for index in model.plant.GetJointIndices()]
+    missing = [joint for joint in model.joints if joint not in log.joints]
+    logged = [joint for joint in every if joint.name() in model.joints and joint.name() in log.joints]
+    felt = {*model.joints} - {joint.name() for joint in held_joints.elsewhere(logged, every)}
+    return missing if logged and felt.isdisjoint(missing) else []
 
 
 def as_explained(model: Model, log: Log, constants: TorqueConstants | None = None) -> tuple[Log, list[LogWarning]]:
@@ -243,6 +265,9 @@ def as_explained(model: Model, log: Log, constants: TorqueConstants | None = Non
     """
     log = log if constants is None else constants.applied(log, model.joints)
     warnings = check(log, model.limits)
+    if log.link_side and not model.arm.link_side:
+        message = f"{log.source}: its torques are measured behind the gears, where no rotor shows: --torque-side link"
+        warnings.append(LogWarning("torque_side", message))
     own, wrapped = unwrapped(log.select(model.joints), model.limits.revolute)
     return own, warnings + wrapped
 
@@ -258,6 +283,7 @@ def predict(
     say: Callable[[str], None] | None = None,
     torque_side: str | None = None,
     constants: TorqueConstants | None = None,
+    joints: Sequence[str] = (),
 ) -> list[LogWarning]:
     """Read a log, and write `torque_predicted.<joint>` and `position_predicted.<joint>` for each of its samples.
 
@@ -271,6 +297,7 @@ def predict(
         say: told each joint's root mean square of measured less predicted torque and position, without the log's ends.
         torque_side: of the gears that the torque was measured on, `motor` or `link`; None: as the model says.
         constants: of the motors, where the log holds currents.
+        joints: of one arm, in order, of a robot that has more; the others are held. Empty: all.
 
     Raises:
         TwinError: the model or the log cannot be used; nothing is written.
@@ -279,7 +306,7 @@ def predict(
     if why := why_not(out, folder=False):
         raise LogError(f"--out {out}: {why}")
     raw = read_log(log, columns)
-    loaded, measured, warnings = load_model_for(raw, model, packages, torque_side, constants)
+    loaded, measured, warnings = load_model_for(raw, model, packages, torque_side, constants, joints)
     turned = measured.position - raw.select(loaded.joints).position
     for warning in warnings:
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,13 +66,19 @@ class Brought:
     loose: tuple[str, ...] = ()
 
 
-def write_first_scenario(arm: str | Path, out: str | Path, packages: Mapping[str, str | Path] | None = None) -> Brought:
+def write_first_scenario(
+    arm: str | Path,
+    out: str | Path,
+    packages: Mapping[str, str | Path] | None = None,
+    joints: Sequence[str] = (),
+) -> Brought:
     """Write a scenario for an arm; nothing that exists is overwritten.
 
     Args:
         arm: URDF, SDF or MJCF, or the folder of a corrected model.
         out: the .yaml to write.
         packages: local folders for `package://` names.
+        joints: of one arm, in order, of a robot that has more; the others are held. Empty: all.
 
     Raises:
         TwinError: the arm cannot be used, or `out` exists or cannot be written.
@@ -86,18 +92,18 @@ def write_first_scenario(arm: str | Path, out: str | Path, packages: Mapping[str
         raise TwinError(f"--out {out}: there is no folder {out.parent}")
     if why := why_not(out, folder=False):
         raise TwinError(f"--out {out}: {why}")
-    found = look_at(arm, packages)
-    atomic_file.write(out, text_of(str(_place(arm)), found, packages or {}))
+    found = look_at(arm, packages, joints)
+    atomic_file.write(out, text_of(str(_place(arm)), found, packages or {}, joints))
     return found
 
 
-def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None) -> Brought:
-    """Read an arm's joints, limits and frames, and find it a home.
+def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None, joints: Sequence[str] = ()) -> Brought:
+    """Read an arm's joints, limits and frames, and find it a home; see `write_first_scenario`.
 
     Raises:
         ModelError: it cannot be read, or has no joint to drive.
     """
-    spec = scenario.ArmModel(model=str(arm), tool_frame="")
+    spec = scenario.ArmModel(model=str(arm), tool_frame="", joints=list(joints))
     Model.load(spec, packages)  # refuses what a run would refuse
     plant = MultibodyPlant(0.0)
     added = add_arm(plant, spec, packages)
@@ -108,11 +114,11 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None) -
     every = [plant.get_frame(index) for instance in added.instances for index in plant.GetFrameIndices(instance)]
     beyond = [frame.name() for frame in every if int(frame.body().index()) in welded and frame.name() not in inner]
     frames = tuple(dict.fromkeys([last.name(), *(name for name in beyond if name)]))
-    joints = [plant.get_joint(index) for index in added.joint_indices]
-    lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
-    upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])
+    own = [plant.get_joint(index) for index in added.joint_indices]
+    lower = np.array([float(joint.position_lower_limits()[0]) for joint in own])
+    upper = np.array([float(joint.position_upper_limits()[0]) for joint in own])
     home, stands = _home(spec, lower, upper, packages)
-    held = {*added.joints, *added.gripper_joints, *unparsed.mimicking(Path(added.spec.model))}
+    held = {*added.joints, *added.gripper_joints, *unparsed.following(Path(added.spec.model))}
     movable = [j.name() for j in _joints(plant, added) if isinstance(j, (RevoluteJoint, PrismaticJoint))]
     loose = tuple(name for name in movable if name not in held)
     return Brought(added.joints, lower, upper, frames, home, stands, loose)
@@ -147,13 +153,14 @@ def _place(arm: str | Path) -> str | Path:
     return path.resolve() if path.exists() else arm
 
 
-def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path]) -> str:
+def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path], joints: Sequence[str] = ()) -> str:
     """Return a scenario's YAML, with comments that say what may be changed.
 
     Args:
         arm: its description, as the scenario names it.
         found: what is known of it.
         packages: local folders for `package://` names.
+        joints: those that were named.
     """
     unlimited = [joint for joint, low, high in zip(found.joints, found.lower, found.upper, strict=True) if low >= high]
     boundless = ~(np.isfinite(found.lower) & np.isfinite(found.upper))
@@ -169,6 +176,7 @@ def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path]) -> str
         ]
     named = ["packages:", *(f"  {name}: {_quoted(str(Path(folder).resolve()))}" for name, folder in packages.items())]
     arm_lines = [f"    model: {_quoted(arm)}", f"    tool_frame: {_quoted(found.frames[0])}"]
+    named_joints = [f"    joints: [{', '.join(map(_quoted, joints))}]"] if joints else []
     lines = [
         f"# A first scenario for {Path(arm).name}: `twin-diagram run` runs it as it is, `twin-diagram fields` tells of",
         "# every field. All units SI, angles in radians.",
@@ -180,6 +188,7 @@ def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path]) -> str
         "world:",
         "  arm:",
         *arm_lines,
+        *named_joints,
         *fixtures,
         "",
         "# What the twin is told.",
@@ -188,6 +197,7 @@ def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path]) -> str
         *arm_lines[:1],
         f"    # The frame that reaches goals; others at the last link: {', '.join(found.frames[1:]) or 'none'}.",
         *arm_lines[1:],
+        *named_joints,
         "  # Joints from the base, with their limits:",
         *(f"  {line}" for line in ranges),
         *([f"  # Limits that leave no room: {', '.join(unlimited)}"] if unlimited else []),

@@ -5,7 +5,7 @@ Cheap to import, so that a log that is not there is told at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,9 +28,24 @@ TUNING = Tuning()
 
 
 def replay_scenario(
-    log: str | Path, model: str | None = None, overrides: Iterable[str] = (), columns: str | Path | None = None
+    log: str | Path,
+    model: str | None = None,
+    overrides: Iterable[str] = (),
+    columns: str | Path | None = None,
+    joints: Sequence[str] = (),
 ) -> Scenario:
-    """Return the scenario that replays a recording, or a bare log with a model of its arm."""
+    """Return the scenario that replays a recording, or a bare log with a model of its arm.
+
+    Args:
+        log: folder of a recording, or a measured log.
+        model: of a bare log's arm.
+        overrides: of the scenario's fields, `field=value`.
+        columns: what a bare log's columns mean, see `read_log`.
+        joints: of one arm, in order, of a robot that has more; empty: all.
+
+    Raises:
+        TwinError: no such log, or what goes with the other kind.
+    """
     expect_path(log, "log", "a recording or a measured log")
     log = Path(log)
     if not log.exists():
@@ -54,7 +69,7 @@ def replay_scenario(
     else:
         if model is None:
             raise TwinError(f"{log}: a bare log needs --model, the arm's description")
-        arm = schema.ArmModel(model=str(model), tool_frame="")
+        arm = schema.ArmModel(model=str(model), tool_frame="", joints=list(joints))
         measured = read_log(log, columns)
         driver = schema.Driver(rate=1.0 / measured.period)
         twin = schema.Twin(arm=arm, camera=None, driver=driver)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from braking_bench.counting import wilson
 
 LEAST = 5.0
 """Clearance that is aimed at [mm]."""
@@ -22,15 +23,6 @@ def cause(summary: Mapping[str, Any]) -> str:
         lacks = {entry["reason"] for entry in summary.get("health", [])}
         return "out of reach" if "goal_out_of_reach" in lacks else "not reached in time"
     return ""
-
-
-def wilson(good: int, count: int, z: float = 1.96) -> tuple[float, float]:
-    """Return the bounds of a share between which it lies with 95 % confidence (Wilson), as shares of 1."""
-    if not count:
-        return 0.0, 1.0
-    p = good / count
-    middle, half = p + z * z / (2 * count), z * float(np.sqrt(p * (1 - p) / count + z * z / (4 * count**2)))
-    return (middle - half) / (1 + z * z / count), (middle + half) / (1 + z * z / count)
 
 
 def row(seed: int, summary: Mapping[str, Any]) -> str:

@@ -232,7 +232,7 @@ def intervals_hold(spec: AssetSpec, true: TrueObject, off: Array, inertia: Array
 
 @dataclass(frozen=True)
 class Matched:
-    """A learned object, and the true one that it is; None: it was not finished, or nobody noted where it was.
+    """A learned object, and the true one that it is; None: it was not finished, or lost on its way to the other bin.
 
     Attributes:
         one: its entry in the run's state.
@@ -253,8 +253,8 @@ def matched(scenario: Scenario, out: Path) -> list[Matched]:
     truth = {line["object"]: np.array(line["positions"]) for line in map(json.loads, lines)}
     found: list[Matched] = []
     for one in told["learned"]:
-        figures = one["figures"]
-        if one["state"] != "finished" or "X_WS" not in figures or one["name"] not in truth:
+        figures, away = one["figures"], bool(one["standing"])
+        if one["state"] != "finished" or not away or "X_WS" not in figures or one["name"] not in truth:
             found.append(Matched(one))
             continue
         X_WO = np.array(figures["X_WS"]) @ np.linalg.inv(pose_of(figures))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from braking_bench.counting import wilson
 
 Array = npt.NDArray[np.float64]
 Row = dict[str, Any]
@@ -18,14 +19,10 @@ WORSE = 0.05
 PARAMETERS = ("mass", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
 
 
-def wilson(hits: int, count: int) -> str:
-    """Return a share with its 95 % interval (Wilson)."""
-    if not count:
-        return "none"
-    z, p = 1.96, hits / count
-    middle = (p + z * z / (2 * count)) / (1 + z * z / count)
-    half = z * np.sqrt(p * (1 - p) / count + z * z / (4 * count**2)) / (1 + z * z / count)
-    return f"{hits} of {count} ({100 * max(0.0, middle - half):.0f} to {100 * min(1.0, middle + half):.0f} %)"
+def share(hits: int, count: int) -> str:
+    """Return a share with its 95 % interval."""
+    low, high = wilson(hits, count)
+    return f"{hits} of {count} ({100 * low:.0f} to {100 * high:.0f} %)" if count else "none"
 
 
 def told(rows: Sequence[Row], runs: Sequence[Row], noise: float) -> str:
@@ -57,7 +54,7 @@ def _each(done: Sequence[Row]) -> Iterator[str]:
 
 def _bins(rows: Sequence[Row], done: Sequence[Row], runs: Sequence[Row]) -> Iterator[str]:
     count = sum(run["objects"] for run in runs)
-    yield f"finished without help: {wilson(len(done), count)}, aim 95 %"
+    yield f"finished without help: {share(len(done), count)}, aim 95 %"
     for name in ("put_away", "left", "elsewhere", "contacts"):
         words = {
             "put_away": "in the other bin",
@@ -121,15 +118,13 @@ def _honest(done: Sequence[Row]) -> Iterator[str]:
     """Yield how weighing compares with an even density, and whether told intervals hold."""
     loaded = [row for row in done if row["loaded"]]
     better = sum(row["moments"] < row["even_moments"] for row in loaded)
-    yield f"moments better than an even density's, with a load: {wilson(better, len(loaded))}, aim ≥ 80 %"
+    yield f"moments better than an even density's, with a load: {share(better, len(loaded))}, aim ≥ 80 %"
     worse = [row["moments"] - row["even_moments"] for row in done]
     count = sum(off > WORSE for off in worse)
     yield f"worse by more than 5 points: {count} of {len(done)}, by up to {100 * max(worse, default=0.0):.0f}, aim none"
     held = np.array([row["held"] for row in done if row["held"]])
     if len(held):
-        shares = ", ".join(
-            f"{name} {100 * share:.0f}" for name, share in zip(PARAMETERS, held.mean(axis=0), strict=True)
-        )
+        shares = ", ".join(f"{name} {100 * part:.0f}" for name, part in zip(PARAMETERS, held.mean(axis=0), strict=True))
         yield f"95 % intervals that hold the truth, % of {len(held)}: {shares}; aim 88 to 99"
 
 

@@ -32,8 +32,6 @@ LATE = 0.5
 """A loss must be said within this [s]."""
 REGAINED = 1.0
 """And what is in the open again found within this [s]."""
-FIRST = 1.0
-"""What is to be found in the beginning has so long before it counts [s]."""
 
 
 @dataclass

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 from braking_bench.counting import wilson
+from result_lines import append, read
 
 from synctwin_truth import half_hidden, table_three
 
@@ -28,7 +28,7 @@ def run_rows(
     """Run what is not there yet; return all rows that are asked for."""
     out.mkdir(parents=True, exist_ok=True)
     file = out / "grasping.jsonl"
-    done = [json.loads(line) for line in file.read_text().splitlines()] if file.is_file() else []
+    done = read(file)
     keys = ("kind", "row", "seed", "profile")
     there = {tuple(row[key] for key in keys) for row in done}
     for seed in range(first, first + count):
@@ -38,8 +38,7 @@ def run_rows(
                     continue
                 found = table_three.attempt(kind, row, seed, profile)
                 done.append(found)
-                with file.open("a") as written:
-                    written.write(json.dumps(found) + "\n")
+                append(file, found)
                 ended = "held" if found["good"] else found["why"]
                 print(f"{kind} {row} {seed}: {ended}, {found['hidden']:.0%} hidden, {found['cpu_s']:.0f} s", flush=True)
     wanted = range(first, first + count)

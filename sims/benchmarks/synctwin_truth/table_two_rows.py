@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import result_lines
 from braking_bench.counting import wilson
 
 from synctwin_truth import avoidance, table_two
@@ -29,10 +29,7 @@ class Trials:
     """Rows on disk, one JSON object to a line."""
 
     def __init__(self, file: Path) -> None:
-        self._file = file
-        self.rows: list[dict[str, Any]] = []
-        if file.is_file():
-            self.rows = [json.loads(line) for line in file.read_text().splitlines()]
+        self._file, self.rows = file, result_lines.read(file)
 
     def find(self, **keys: Any) -> dict[str, Any] | None:
         """Return the row that has these, None where it is not there yet."""
@@ -41,8 +38,7 @@ class Trials:
     def add(self, row: dict[str, Any]) -> dict[str, Any]:
         """Write a row."""
         self.rows.append(row)
-        with self._file.open("a") as written:
-            written.write(json.dumps(row) + "\n")
+        result_lines.append(self._file, row)
         return row
 
 

@@ -12,8 +12,8 @@ from twin_diagram.estimation.weighing.weighing import PARAMETERS
 from weighing_truth.trial import ABLATIONS, NOISES
 
 Row = dict[str, Any]
-BETTER, WORSE = 0.05, 0.05
-"""Never worse than even density by more than this; and off-centre objects are those off by this share of 10 cm."""
+WORSE = 0.05
+"""Never worse than even density by more than this."""
 
 
 def report(rows: Sequence[Row]) -> str:

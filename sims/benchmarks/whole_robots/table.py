@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from braking_bench.counting import wilson
 
 CLEAR = 8.0
 """Separation from which on what is unusual can be told."""
@@ -89,11 +90,3 @@ def spread(what: str, values: list[float], target: str) -> list[str]:
     if not values:
         return []
     return [f"{what:<52}{np.median(values):6.2f} / {np.percentile(values, 95):<20.2f}{target}"]
-
-
-def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's interval of a share."""
-    p = hits / count
-    middle = (p + z**2 / (2 * count)) / (1 + z**2 / count)
-    half = z / (1 + z**2 / count) * np.sqrt(p * (1 - p) / count + z**2 / (4 * count**2))
-    return float(max(0.0, middle - half)), float(min(1.0, middle + half))

@@ -85,6 +85,20 @@ def test_errors_of_a_turned_inertia_are_those_of_many_that_are_turned() -> None:
     assert np.isfinite(about_z).tolist() == [True, True, False, True, False, False]
 
 
+def test_errors_that_know_of_each_other_do_so_in_other_axes() -> None:
+    R, R_back = Rotation.from_rotvec([0.0, 0.0, 0.8]).as_matrix(), Rotation.from_rotvec([0.0, 0.0, -0.8]).as_matrix()
+    # A mass that is off by a share takes all of the inertia along.
+    six = np.array([INERTIA[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))])
+    std, shared = 0.1 * np.abs(six), 0.01 * np.outer(six, six)
+    known = replace(measured(), inertia_std=std, inertia_covariance=shared)
+    turned = known.turned(R)
+    want = np.array([turned.inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))])
+    assert turned.inertia_std == pytest.approx(0.1 * np.abs(want))
+    assert known.turned(R).turned(R_back).inertia_std == pytest.approx(std)
+    assert measured().turned(R).turned(R_back).inertia_std == pytest.approx(measured().inertia_std)
+    assert measured().turned(R).turned(R_back).centre_std == pytest.approx(measured().centre_std)
+
+
 @pytest.mark.parametrize("inertia", [np.diag([1e-4, 1e-4, 3e-4]), np.diag([-1e-4, 1e-4, 1e-4])])
 def test_what_no_body_has_is_refused(inertia: np.ndarray) -> None:
     with pytest.raises(AssetError, match="no body"):

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from scipy.interpolate import make_interp_spline
 
 from tests.estimation.weighing.conftest import Recorder
+from twin_diagram.assets.building.measured import SIX
 from twin_diagram.errors import LogError
 from twin_diagram.estimation.weighing import (
     ArmDoubt,
@@ -28,7 +29,7 @@ from twin_diagram.estimation.weighing import (
 from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.estimation.weighing.torque_data import hand_change, read_run
 from twin_diagram.estimation.weighing.torque_fit import by_pose, doubted
-from twin_diagram.estimation.weighing.weighing import VERDICTS, verdict
+from twin_diagram.estimation.weighing.weighing import VERDICTS, about, verdict
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model import Model
 from twin_diagram.model.rigid_body.mass_properties import about_centre
@@ -214,6 +215,13 @@ def test_a_single_run_a_matrix_and_a_bare_shape_will_do(
     own = found.measured()
     assert own.mass == found.mass and own.mass_std == found.errors["mass"]
     np.testing.assert_array_equal(own.inertia, found.inertia)
+    # In other axes errors are those of the bodies that are drawn, turned.
+    R = RollPitchYaw(0.4, -0.3, 0.9).ToRotationMatrix().matrix()
+    _, centres, inertias = about_centre(found.posterior.bodies)
+    there = own.turned(R)
+    np.testing.assert_allclose(there.centre_std, about(centres @ R.T, there.centre), rtol=1e-9)
+    off = about(np.einsum("ij,njk,lk->nil", R, inertias, R), there.inertia)
+    np.testing.assert_allclose(there.inertia_std, [off[at] for at in SIX], rtol=1e-9)
     assert own.by["mass"] == "measured" and VERDICTS.index(own.by["inertia"]) >= VERDICTS.index(
         found.verdicts["moment_1"]
     )

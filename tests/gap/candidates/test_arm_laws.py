@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,8 @@ from tests.gap.made import (
     disagreement,
     effect,
     law,
+    record,
+    swing,
     swinging,
     terms_of,
     told,
@@ -31,6 +34,7 @@ from twin_diagram.gap.candidates import (
     gravity_tilt,
     inertial_parameters,
     joint_elasticity,
+    joint_spring,
     payload,
     time_delay,
     whole_arm,
@@ -39,6 +43,7 @@ from twin_diagram.gap.candidates.given_link import link_inertia
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects.link_inertia import about_centre, about_origin
+from twin_diagram.model.model import Model
 from twin_diagram.model.rigid_body.kinematic_tree import Kinematics
 from twin_diagram.scenario import EffectSpec
 
@@ -334,11 +339,31 @@ def test_a_push_is_power_over_speed(body: int) -> None:
     assert disagreement(terms, force, list(c[:3])) < 1e-6
     np.testing.assert_array_equal(told(force, c[:3])["wrench"], [10.0, -20.0, 30.0, 0.0, 0.0, 0.0])
     np.testing.assert_array_equal(told(wrench, c)["wrench"], c)
+    np.testing.assert_array_equal(told(force, c[:3])["point"], [0.0, 0.0, 0.0])
     weight = 9.81 * (0.3 * MASSES.max() + 0.5)
     np.testing.assert_allclose(wrench.spread, [weight] * 3 + [0.2 * weight * length()] * 3, rtol=1e-6)
     np.testing.assert_array_equal(force.spread, wrench.spread[:3])
     for some in (force, wrench):
         assert some.allows(np.full(some.size, 1e6)) and some.allows(np.full(some.size, -1e6))
+
+
+OFF = """<mujoco><worldbody><body name="base"><geom type="box" size=".05 .05 .05" mass="1"/>
+<body name="upper" pos="0 0 .3"><joint name="one" axis="0 1 0" pos="0.1 0.05 -0.2"/>
+<inertial pos="0 0 .2" mass="2" diaginertia=".02 .02 .01"/>
+<body name="lower" pos="0 0 .4"><joint name="two" axis="0 1 0" pos="0 0 -0.1"/>
+<inertial pos="0 0 .1" mass="1" diaginertia=".01 .01 .01"/></body></body></body></worldbody></mujoco>"""
+"""Whose joints are not at their links' origins."""
+
+
+def test_a_push_is_at_the_links_origin_wherever_its_joint_is(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(OFF)
+    model = Model.load(tmp_path / "arm.xml")
+    time, *motion = swing(3.0)
+    records = Records(model, (record(model, time, *(x[:, :2] for x in motion)),))
+    terms = terms_of(records)
+    for candidate in external_force.external_forces(terms) + external_force.forces_at_centres(terms):
+        c = [10.0, -20.0, 30.0, 1.0, 2.0, -3.0][: candidate.size]
+        assert disagreement(terms, candidate, c) < 1e-6
 
 
 def test_a_payload_is_put_down_as_it_was_picked_up() -> None:
@@ -408,3 +433,19 @@ def test_a_payload_about_a_centre_is_right_to_first_order_in_mass_and_moment() -
     for step in 1e-3 * np.eye(4):
         ahead, behind = (law(terms, there, told(there, x)) for x in (c + step, c - step))
         np.testing.assert_allclose(2.0 * torque(terms, there, step), ahead - behind, atol=1e-6 * np.max(np.abs(ahead)))
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_laws_are_of_the_positions_behind_encoders_whose_offset_is_known(known: bool) -> None:
+    off = effect("encoder_offset", ARM.joints, offset=[0.05, -0.05, 0.05, -0.05, 0.05, -0.05])
+    model = ARM.with_effects([off] if known else [])
+    terms = terms_of(Records(model, (record(model, *swing(2.0)),)))
+    (spring, *_) = joint_spring.on_joints(terms)[ELBOW]
+    (tilt,) = gravity_tilt.on_arm(terms)
+    push = external_force.external_forces(terms)[-1]
+    moment = [0.02, 0.01, 0.05]
+    load = payload.payload(terms, np.array(moment))
+    assert disagreement(terms, spring, [20.0, -5.0]) < 1e-9
+    assert disagreement(terms, tilt, [0.01, -0.01]) < 0.02  # to first order
+    assert disagreement(terms, push, [10.0, 0.0, 0.0, 0.0, 1.0, 0.0]) < 1e-9
+    assert disagreement(terms, load, [1.0, *moment]) < 1e-9

@@ -12,7 +12,7 @@ import pytest
 from tests.gap.made import ARM, effect
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.candidates.given_link import link_inertia
-from twin_diagram.gap.correction.merge_effects import is_less, merged, names
+from twin_diagram.gap.correction.merge_effects import is_less, merged
 from twin_diagram.gap.correction.physical_coordinates import Coordinates, _physical, from_log_cholesky, log_cholesky
 from twin_diagram.model.effects import Effect
 from twin_diagram.scenario import EffectSpec
@@ -112,6 +112,16 @@ def test_a_curves_angles_stay() -> None:
     assert moved == [-1.0, 0.0, 1.0, 1.0, 2.0, 3.0]
 
 
+def test_the_point_that_a_wrench_is_told_about_stays() -> None:
+    wrench = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    spec = EffectSpec("external_force", [], ["hand"], {"wrench": wrench, "point": [0.0, 0.1, 0.0]}, onset=1.0, end=2.0)
+    part = Coordinates.of(ARM, spec)
+    np.testing.assert_array_equal(part.start(), wrench)
+    assert all(len(x) == 6 for x in part.prior())
+    moved = part.effect(part.start() + 1.0).parameters
+    assert moved["point"] == [0.0, 0.1, 0.0] and moved["wrench"][0] == 2.0
+
+
 @pytest.mark.parametrize(
     ("part", "vector", "values"),
     [
@@ -203,4 +213,3 @@ def test_what_is_less() -> None:
     assert is_less(spec("viscous_friction", [A, B], damping=[1.0, -1.0]))
     assert not is_less(spec("torque_bias", torque=-1.0)), "it can be below nothing"
     assert is_less(spec("joint_spring", stiffness=-1.0, rest_angle=0.0))
-    assert names([spec("torque_bias", torque=1.0), spec("payload", [], [], mass=1.0)]) == "torque_bias, payload"

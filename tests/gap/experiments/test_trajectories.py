@@ -55,6 +55,24 @@ def test_no_motion_leaves_what_was_visited(text: str) -> None:
     np.testing.assert_array_equal(columns["position_commanded.b"], q[:, 1])
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("text", list(trajectories.MAKERS))
+def test_no_motion_is_harder_than_what_was_seen(text: str, seed: int) -> None:
+    """Also where no visited pose is near the middle of all joints' ranges, and a slow run was cut in motion."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 8.0, PERIOD)
+    swings = rng.uniform(0.1, 0.4, 6) * np.sin(rng.uniform(0.5, 9.0, 6) * time[:, None] + rng.uniform(0.0, 6.0, 6))
+    rise = (time / 8.0)[:, None] ** 3 * rng.uniform(-0.3, 0.3, 6)
+    q = swings + rise + np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * np.sin(0.3 * time)[:, None]
+    v = np.gradient(q, PERIOD, axis=0)
+    hardest = np.maximum(np.abs(np.gradient(v, PERIOD, axis=0)).max(axis=0), 0.2)
+    some = Visited(tuple("abcdef"), q[::2], q.min(0), q.max(0), np.abs(v).max(axis=0), hardest, q)
+    made = design(text, some, ())
+    assert made is not None
+    whole = np.concatenate([made.position[:1], made.position, made.position[-1:]])
+    assert np.all(np.abs(np.diff(whole, 2, axis=0)) <= 1.15 * PERIOD**2 * hardest)
+
+
 def test_only_the_joints_that_are_asked_about_move() -> None:
     for text in (advice.SLOW, advice.SPEEDS, advice.FAST):
         made = design(text, seen(), ["b"])
@@ -153,7 +171,8 @@ def test_fast_sines_are_as_hard_as_was_seen() -> None:
         ({"acceleration": np.full(3, 1e9), "speed": np.full(3, 1e9)}, [0.3 * 2.0] * 3),
     ):
         q = trajectories.fast_sines(seen(**changed), [0])[:, 0] - middle()[0]
-        assert len(q) == 1201
+        assert len(q) == 1205
+        q = q[2:]
         for k, size in enumerate(sizes):
             part = q[1 + 400 * k : 401 + 400 * k]
             assert np.max(np.abs(part)) == pytest.approx(size, rel=0.01)
@@ -193,7 +212,7 @@ def test_a_run_that_was_cut_in_motion_starts_from_rest() -> None:
         run = np.array(slow)
         run[0] = -share * (slow[-1] - slow[-2])
         run = np.concatenate([run, run[-1:]])
-        assert (trajectories._from_rest(run) is run) == rest
+        assert (trajectories._from_rest(seen(run=run)) is run) == rest
 
 
 @pytest.mark.parametrize("share", [0.4, 1.0])
@@ -222,11 +241,11 @@ def test_cruises_have_ramps_and_a_constant_speed() -> None:
 
 def test_corners_of_a_wave_are_rounded_over_their_time() -> None:
     wave = np.maximum(0.0, np.arange(-50, 51) * 1.0)
-    for duration, width in ((0.06, 7), (0.01, 3), (0.1, 11)):
+    for duration, width in ((0.06, 6), (0.01, 3), (0.1, 10)):
         soft = trajectories._soften(wave, duration)
-        assert len(soft) == len(wave)
-        np.testing.assert_allclose(soft[50], np.mean(wave[50 - width // 2 : 51 + width // 2]))
-        np.testing.assert_allclose(soft[60 + width : -width], wave[60 + width : -width], atol=1e-9)
+        assert len(soft) == len(wave) + width - 1 and soft[0] == wave[0] and soft[-1] == pytest.approx(wave[-1])
+        np.testing.assert_allclose(soft[50], np.mean(wave[51 - width : 51]))
+        np.testing.assert_allclose(soft[50 + width : 101], wave[50 + width :] - (width - 1) / 2, atol=1e-9)
 
 
 def test_what_was_visited_is_within_the_description_and_at_least_a_crawl() -> None:

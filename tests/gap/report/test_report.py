@@ -180,6 +180,16 @@ def test_one_joint_mended_at_anothers_cost_denies_a_name(shown: Shown) -> None:
         assert accepted(verdict, tried) == allowed
 
 
+def test_a_gap_that_a_corrected_model_makes_counts(shown: Shown) -> None:
+    """Where the given one left noise alone."""
+    made = np.array(shown.holdout.after)
+    made[:, 0] = 30.0 * NOISE * np.where(np.arange(len(made)) % 2, 1.0, -1.0)
+    worse = replace(shown, holdout=replace(shown.holdout, after=made))
+    before, after = (above_noise(x, NOISE) for x in worse.holdout_rms())
+    assert shown.left_over() < 0.05
+    assert worse.left_over() == pytest.approx(np.linalg.norm(after) / np.linalg.norm(before), rel=1e-6)
+
+
 @pytest.mark.long
 def test_several_joints_are_lines_of_one_table(model: Model, shown: Shown) -> None:
     """A column per parameter, and what is sure although the kind of dry friction is not."""
@@ -195,6 +205,17 @@ def test_several_joints_are_lines_of_one_table(model: Model, shown: Shown) -> No
     other = replace(finding, alternatives=(replace(rival, name="torque_constant"),))
     text = read(report.page(subject(model, shown, bench.verdict("named", [other]))))
     assert "In all of these there is dry friction" not in text
+
+
+def test_several_links_are_lines_of_one_table_and_not_told_one_by_one(model: Model, shown: Shown) -> None:
+    mass, com = Estimate(32.0, 24.0, "kg"), Estimate([0.1, 0.0, 0.0], [0.2, 0.1, 0.1], "m")
+    inertia = Estimate([0.0] * 6, [0.01] * 6, "kg·m²")
+    each = {key: {"upper": x, "lower": x} for key, x in (("mass", mass), ("com", com), ("inertia", inertia))}
+    links = Finding("inertial_parameters", (), ("upper", "lower"), each, 0.999)
+    text = read(report.page(subject(model, shown, bench.verdict("named", [links]))))
+    assert "upper and lower is other than described; motion tells sums of these numbers better than each" in text
+    assert "+32" not in text, "no mass without its error"
+    assert "link" + "mass" + "centre of mass" + "inertia" + "upper32 ± 24 kg" in text and "joint" + "mass" not in text
 
 
 def test_a_lost_arm_says_no_more_than_that() -> None:
@@ -223,6 +244,22 @@ def test_without_names(model: Model, kind: str, says: str) -> None:
     assert says in text
     assert "corrected" not in text.lower()  # there is no such model to speak of
     assert "noise" in text
+
+
+def test_what_was_left_before_is_not_said_to_be_noise(model: Model, shown: Shown) -> None:
+    """Of a model that was corrected before, `none` says that nothing is new."""
+    before, _ = shown.holdout_rms()
+    verdict = replace(bench.verdict("none"), recorded=before)
+    text = read(report.page(subject(model, shown.uncorrected(), verdict)))
+    assert "Nothing new is missing: these runs leave no more than was left when this model was corrected." in text
+    assert "What is left is noise" not in text and "explains these runs" not in text and "but for noise" not in text
+    assert f"the noise is {numbers.number(NOISE)}" in text
+
+
+def test_smoothed_logs_are_not_said_to_be_free_of_noise(model: Model) -> None:
+    logs = [bench.run(model, seed=k, duration=3.0) for k in (1, 2)]
+    own = show(model, model, logs[:1], logs[1], np.full(2, 1e-9))
+    np.testing.assert_allclose(own.noise_floor, 5e-4 * np.sqrt(np.mean(own.fit[0].torque ** 2, axis=0)), rtol=1e-9)
 
 
 def test_pages_repeat_to_the_byte(model: Model, shown: Shown) -> None:
@@ -329,6 +366,18 @@ def test_onset_says_its_log_where_there_are_several(model: Model) -> None:
     shown = show(model, model, logs[:2], logs[2], np.full(2, 0.05))
     verdict = bench.verdict("named", [bench.friction_finding(onset=bench.begin(1, 8.0))])
     assert gap_json.contents(verdict, shown)["effects"][0]["onset"] == {"log": 1, "time": 8.0}
+
+
+def test_a_page_counts_logs_as_gap_json_does(model: Model) -> None:
+    """One that went silent was parted into two runs, but is one file."""
+    logs = [replace(bench.run(model, seed=k, duration=3.0), source=name) for k, name in enumerate("aabh")]
+    shown = show(model, model, logs[:3], logs[3], np.full(2, 0.05))
+    late = bench.verdict("named", [bench.friction_finding(onset=bench.begin(2, 1.5))])
+    late = replace(late, where=(replace(late.where[0], log=2),))
+    text = read(report.page(subject(model, shown, late)))
+    assert "against 2 fitted runs" in text and "s of log 2 on" in text and "7.10 s of log 2" in text
+    one = replace(shown, fit=shown.fit[:2])
+    assert "of log" not in read(report.page(subject(model, one, bench.verdict("unknown"))))
 
 
 def test_no_number_that_is_not_json(shown: Shown) -> None:

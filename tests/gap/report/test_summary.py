@@ -39,5 +39,11 @@ def test_a_guess_has_no_place_in_it() -> None:
     assert said == ("friction on all joints; offsets on c; something more that can be guessed at only; little left")
 
 
+def test_a_tilt_is_told_about_both_axes() -> None:
+    angles = {"roll": Estimate(0.001, 0.002, "rad"), "pitch": Estimate(0.11, 0.01, "rad")}
+    said = headline(verdict(FRICTION, ROTORS, Finding("gravity_tilt", (), (), angles, 0.9)))
+    assert said.startswith("tilted base (roll 0.0010 ± 0.0020 rad, pitch 0.110 ± 0.010 rad); friction and rotors")
+
+
 def test_few_names_are_a_sentence() -> None:
     assert headline(verdict(PAYLOAD, on("coulomb_friction", "torque", ("a",)))).startswith("The model lacks a payload")

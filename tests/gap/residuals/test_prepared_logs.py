@@ -25,6 +25,7 @@ from twin_diagram.gap.residuals.prepared_logs import (
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.logs.straightening import straightened
+from twin_diagram.model.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -55,6 +56,16 @@ def test_band_and_thinning_go_with_the_logs_rate(rate: float, band: float, strid
     assert record.times[0] >= 0.3 - 1e-9 and record.times[-1] <= record.time[-1] - 0.3 + 1e-9
     assert record.times[0] < 0.3 + 1.01 / rate
     assert record.period == pytest.approx(1.0 / rate) and record.index == 0
+
+
+@pytest.mark.parametrize(
+    ("rates", "thinned"), [((125.0, 1000.0), 62.5), ((1000.0, 125.0), 62.5), ((100.0, 500.0), 50.0)]
+)
+def test_logs_of_any_rates_are_thinned_to_the_same(rates: tuple[float, float], thinned: float) -> None:
+    """One noise's colour is that of samples so far apart."""
+    records = prepare(ARM, [log_of(3.0, rate) for rate in rates])
+    each = [record.rate / (record.kept[1] - record.kept[0]) for record in records.records]
+    np.testing.assert_allclose(each, thinned, rtol=1e-9)
 
 
 def test_all_logs_share_the_band_that_the_poorest_of_them_allows() -> None:
@@ -88,6 +99,13 @@ def test_no_band_is_narrower_than_motion() -> None:
         assert np.isfinite(trusted_band(ARM, log_of(4.0, rate))) == known, "eight samples per period"
     still = log_of(4.0)
     assert trusted_band(ARM, replace(still, position=np.zeros_like(still.position))) == np.inf
+
+
+def test_a_torque_that_is_not_logged_narrows_no_band() -> None:
+    log = log_of(8.0, 500.0, position_noise=5e-6)
+    assert log.torque is not None
+    dead = replace(log, torque=np.where(np.arange(6) == 5, 0.0, log.torque))
+    assert 10.0 < trusted_band(ARM, log) == pytest.approx(trusted_band(ARM, dead))
 
 
 def test_position_noise_as_inertial_torque_over_the_torques_own() -> None:
@@ -238,6 +256,15 @@ def test_what_gears_pass_on_is_without_dry_friction() -> None:
     np.testing.assert_allclose(off[moving], 4.0 * np.sign(with_it.v[moving, ELBOW]), atol=1e-6)
     made: Record = with_it
     assert made.torque.shape == made.q.shape
+
+
+def test_friction_that_a_description_states_is_not_passed_on_either() -> None:
+    stated = replace(ARM.arm.stated, friction=dict.fromkeys(ARM.joints, 4.0))
+    less = effect("coulomb_friction", [ARM.joints[ELBOW]], torque=-1.0)
+    model, log = Model(ARM.plant, replace(ARM.arm, stated=stated), [less]), log_of(3.0)
+    made, bare = (prepare(one, [log]).records[0] for one in (model, ARM))
+    np.testing.assert_allclose(made.passed, bare.given, atol=1e-9)
+    assert np.max(np.abs(made.given - made.passed)) == pytest.approx(4.0, rel=1e-3)
 
 
 def test_an_arm_at_rest_does_not_move_whatever_its_encoders_noise_and_a_slow_one_does() -> None:

@@ -22,6 +22,8 @@ from twin_diagram.gap.residuals.regressors import (
     with_load,
 )
 from twin_diagram.logs.differentiation import lowpass
+from twin_diagram.model.effects import make
+from twin_diagram.scenario import EffectSpec
 
 Array = npt.NDArray[np.float64]
 
@@ -187,6 +189,15 @@ def test_what_the_given_model_has_already_is_read_off_it() -> None:
     nothing = swinging().present
     assert not np.any([nothing.damping, nothing.coulomb, nothing.rotor, nothing.stiffness, nothing.load])
     assert nothing.mass == 0.0 and not nothing.names
+
+
+def test_what_was_put_down_in_another_run_cannot_be_taken_away_and_what_began_there_can() -> None:
+    values = {"mass": [2.0], "com": [0.0, 0.0, 0.0]}
+    moments: tuple[tuple[float | None, float | None], ...] = ((None, 3.0), (3.0, None))
+    for (onset, end), mass in zip(moments, (0.0, 2.0), strict=True):
+        load = make(EffectSpec("payload", [], ["tool0"], values, onset, end, "another run"))
+        model = ARM.with_effects([load])
+        assert present(Records(model, (record(model, *swing(1.0)),))).mass == mass
 
 
 def test_of_two_levels_the_lower_can_be_taken_away_and_laws_add_up() -> None:

@@ -13,7 +13,6 @@ from scipy.signal import lfilter
 from tests.gap.search.test_evidence import candidate
 from twin_diagram.gap.residuals.whitening import (
     Whitener,
-    effective_samples,
     estimate,
     noise_below,
     ordinary,
@@ -31,16 +30,6 @@ def noise(filters: list[float], shape: tuple[int, ...], sigma: float, seed: int)
     """Stationary, along the first axis."""
     white = sigma * np.random.default_rng(seed).normal(size=(shape[0] + 300, *shape[1:]))
     return np.asarray(lfilter([1.0], filters, white, axis=0)[300:])
-
-
-@pytest.mark.parametrize("colour", FILTERS)
-def test_effective_samples_tell_how_much_a_mean_scatters(colour: str) -> None:
-    f = FILTERS[colour]
-    runs = noise(f, (600, 1500), 2.0, 1)
-    known = Whitener(np.array([f, f]), np.full(2, 2.0), (250, 350))
-    claimed = np.std(runs) / np.sqrt(effective_samples(known))
-    assert claimed.shape == (2,)
-    assert np.std(np.mean(runs, axis=0)) == pytest.approx(claimed[0], rel=0.08)
 
 
 @pytest.mark.parametrize("colour", FILTERS)

@@ -191,6 +191,18 @@ def test_a_push_is_found_with_its_link_and_its_time(first: float, last: float | 
     assert not proposed(np.zeros_like(torque), [], "forces")[1]
 
 
+def test_a_push_at_a_links_middle_is_told_there() -> None:
+    """While the link turns, that is no constant wrench at its origin."""
+    force = external_force.forces_at_centres(terms())[2]
+    torque = force.columns @ np.array([60.0, -40.0, 50.0]) * active(terms(), (0, 4.0), (0, 6.5))[:, None]
+    bench, made = proposed(torque, [], "forces")
+    best = max(made, key=lambda k: bench.solve(frozenset({k})).evidence)
+    told = bench.candidates[best].parameters(*bench.part(bench.solve(frozenset({best})), best))
+    assert bench.candidates[best].links == force.links
+    np.testing.assert_array_equal(told["point"][0], force.parameters(np.ones(3), np.eye(3))["point"][0])
+    np.testing.assert_allclose(told["wrench"][0], [60.0, -40.0, 50.0, 0.0, 0.0, 0.0], rtol=0.02)
+
+
 def test_a_push_must_be_worth_its_name_and_its_span() -> None:
     """Sixteen nats beside the choice among 64² spans, for the best of them."""
     forces = external_force.external_forces(terms())

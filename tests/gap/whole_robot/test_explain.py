@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tests.gap.made import ARM, effect, everywhere, record, swing
+from tests.gap.made import ARM, ELBOW, effect, everywhere, record, swing
 from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.findings import Estimate, Finding
 from twin_diagram.gap.residuals.prepared_logs import Records
@@ -98,6 +98,14 @@ def test_the_model_holds_what_is_named_and_nothing_more() -> None:
     masses = told(found, "inertial_parameters").parameters["mass"]
     assert isinstance(masses, dict)
     assert [spec.parameters["mass"] for spec in links] == [[masses[spec.links[0]].value] for spec in links]
+
+
+@pytest.mark.long
+def test_a_joint_whose_torque_is_not_logged_bends_no_links() -> None:
+    records = noisy(ARM, ARM, 6.0)
+    (made,) = records.records
+    dead = replace(made, torque=np.where(np.arange(6) == ELBOW, 0.0, made.torque))
+    assert explain(replace(records, records=(dead,))) is None
 
 
 def test_an_arm_as_described_lacks_nothing() -> None:

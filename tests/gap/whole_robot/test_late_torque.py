@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.gap.made import ARM, ELBOW, everywhere
+from tests.gap.made import ARM, ELBOW, everywhere, record, swing
 from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.gap.whole_robot.explain import begun, settled
 from twin_diagram.gap.whole_robot.few_or_whole import told_of_one_late
@@ -17,6 +19,7 @@ from twin_diagram.gap.whole_robot.late_torque import later, likeliest_shift, one
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import carried, offered, terms_of, with_candidate
+from twin_diagram.model.model import Model
 
 LATE = 0.012
 
@@ -56,6 +59,26 @@ def test_one_joint_that_is_late_is_no_delay_of_all() -> None:
     late = one_late(start, z)
     assert late is not None and late[0] == ELBOW
     assert late[1] == pytest.approx(LATE, abs=2e-3)
+
+
+ROD = """<robot name="rod"><link name="base"/><link name="rod"><inertial><origin xyz="0 0 0.2"/><mass value="4"/>
+  <inertia ixx="0.06" iyy="0.06" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="hinge" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+  <limit lower="-3" upper="3" velocity="3" effort="80"/></joint></robot>"""
+
+
+def test_an_only_joint_that_is_late_is_a_delay_and_no_single_one(tmp_path: Path) -> None:
+    (tmp_path / "rod.urdf").write_text(ROD)
+    arm = Model.load(tmp_path / "rod.urdf")
+    time, *motion = swing(8.0)
+    q, v, a = (signal[:, :1] for signal in motion)
+    made = record(arm, time, q, v, a)
+    noise = 0.02 * np.random.default_rng(1).normal(size=q.shape)
+    torque = np.interp(time + LATE, time, (made.given + 0.5 * v)[:, 0])[:, None] + noise
+    start, z = settled(begun(records := Records(arm, (replace(made, torque=torque),)), equations(records)))
+    (first,) = offered(terms_of(start.sums, arm), ("time_delay",))
+    assert later(start, z, first) is not None
+    assert one_late(start, z) is None
 
 
 def test_the_joint_that_is_late_is_told_in_words() -> None:

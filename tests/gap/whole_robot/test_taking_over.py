@@ -9,6 +9,7 @@ import numpy as np
 from tests.gap.made import ARM, record, swing
 from tests.gap.whole_robot.test_explain import lacking, noisy
 from twin_diagram.gap.findings import Finding, Verdict
+from twin_diagram.gap.report.summary import summary
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import taking_over
 from twin_diagram.logs import Log
@@ -60,6 +61,15 @@ def test_noise_is_that_of_the_torques_where_nothing_was_searched() -> None:
     np.testing.assert_allclose(verdict.noise_floor, 0.5 * np.sqrt(0.1), rtol=0.15)
 
 
+def test_that_noise_does_not_go_by_which_log_comes_first() -> None:
+    """At four times the rate, the same noise of each sample has a quarter of its power below 10 Hz."""
+    fast = record(ARM, *swing(6.0), extra=0.5 * np.random.default_rng(1).normal(size=(1200, 6)))
+    slow = replace(fast, rate=50.0, time=4.0 * fast.time)
+    floors = [taking_over.unsearched(Records(ARM, two)).noise_floor for two in ((fast, slow), (slow, fast))]
+    np.testing.assert_allclose(floors[0], 0.5 * np.sqrt(0.4), rtol=0.15)
+    np.testing.assert_allclose(*floors)
+
+
 def test_a_robot_that_lacks_everything_need_not_be_searched() -> None:
     _, whole = lacking()
     noise = 0.5 * whole.left
@@ -97,7 +107,8 @@ def test_the_verdict_of_the_whole_says_where_and_whether_something_is_left() -> 
     assert verdict.where and sum(place.share for place in verdict.where) <= 1.0 + 1e-9
     rough = replace(whole, fitted=10.0 * bare.noise_floor)
     assert taking_over.as_named(records, bare, rough).remainder
-    assert not taking_over.as_named(records, bare, rough, 10.0 * bare.noise_floor).remainder
+    as_before = taking_over.as_named(records, bare, rough, 10.0 * bare.noise_floor)
+    assert not as_before.remainder and "little left" not in summary(as_before)
 
 
 def test_a_residual_at_the_noise_floor_is_no_gap() -> None:

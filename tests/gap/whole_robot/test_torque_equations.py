@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from tests.gap.made import ARM, ELBOW, effect, record, swing
 from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.whole_robot import torque_equations
 from twin_diagram.gap.whole_robot.torque_equations import equations, kinds_of_motion
 
 
@@ -46,6 +49,39 @@ def test_what_links_weigh_beyond_the_description_pulls_aside_on_a_tilted_base() 
         left.append(np.linalg.norm(residual - links @ best) / np.linalg.norm(residual))
     assert left[1] < 1e-6 < 0.02 < left[0]
     np.testing.assert_allclose(tilted.with_further([]).whole, level.whole, atol=1e-9 * np.max(level.whole))
+
+
+def test_a_slow_log_is_thinned_no_more_than_a_fast_one_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torque_equations, "TUNING", replace(torque_equations.TUNING, samples=800))
+    long, short = record(ARM, *swing(30.0)), record(ARM, *swing(6.0), index=1)
+    kept = np.arange(15, len(short.time) // 4 - 15, 2)
+    slow = {name: getattr(short, name)[::4] for name in ("time", "q", "v", "a", "torque", "given", "passed")}
+    there = replace(short, rate=50.0, period=0.02, band=10.0, kept=kept, **slow)
+    fast, other = equations(Records(ARM, (replace(long, band=10.0), there))).records.records
+    assert np.diff(other.times)[0] == pytest.approx(np.diff(fast.times)[0], abs=0.02)
+    assert len(fast.kept) + len(other.kept) <= 800
+
+
+def test_a_long_logs_columns_are_never_there_at_its_full_rate() -> None:
+    records = Records(ARM, (record(ARM, *swing(60.0)),))
+    tracemalloc.start()
+    columns = equations(records).columns
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < len(records.records[0].time) * columns[0].nbytes
+
+
+@pytest.mark.parametrize("level", [0.0, -7.3])
+def test_a_torque_that_never_changes_in_a_log_tells_nothing_of_it(level: float) -> None:
+    made = [record(ARM, *swing(4.0, seed), index=seed, extra=1.0) for seed in range(2)]
+    dead = replace(made[1], torque=np.where(np.arange(6) == ELBOW, level, made[1].torque))
+    sums, whole = (equations(Records(ARM, (made[0], one))) for one in (dead, made[1]))
+    of_second = sums.records.owner == 1
+    assert not np.any(sums.weights[of_second, ELBOW]) and np.any(whole.weights[of_second, ELBOW])
+    others = np.arange(6) != ELBOW
+    np.testing.assert_array_equal(sums.weights[:, others], whole.weights[:, others])
+    np.testing.assert_array_equal(sums.weights[~of_second], whole.weights[~of_second])
+    assert sums.residual_rms[ELBOW] == pytest.approx(1.0, rel=0.01)
 
 
 def test_a_motion_that_comes_back_is_of_the_same_kind() -> None:

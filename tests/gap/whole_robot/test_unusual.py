@@ -8,11 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tests.gap import made
 from tests.gap.made import ARM, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.candidates.payload import payload, payload_about
+from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import physical_fit
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
@@ -25,7 +27,8 @@ from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_
 from twin_diagram.gap.whole_robot.pushes import TUNING, _innermost, _Tried, pushes
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import offered, room_for, terms_of, unusual, weighed, with_candidate
-from twin_diagram.model.effects import Effect
+from twin_diagram.model.effects import Effect, make
+from twin_diagram.scenario import EffectSpec
 
 MASS, COM = 3.0, [0.02, 0.05, 0.06]
 
@@ -146,6 +149,18 @@ def test_what_was_found_of_links_before_counts_as_if_both_logs_were_fitted_at_on
     assert with_both < 0.5 * alone
 
 
+def test_what_acts_in_one_log_loads_no_joint_in_another() -> None:
+    push = EffectSpec("external_force", [], ["tool0"], {"wrench": [0.0, 0.0, 30.0, 0.0, 0.0, 0.0]}, 1.5, 3.0, "mark 0")
+    model = ARM.with_effects([make(push)])
+    logs = Records(ARM, tuple(made.record(ARM, *made.swing(5.0, seed=index), index=index) for index in range(2)))
+    sums = equations(logs)
+    pushed, other = (
+        np.max(np.abs(load - record.given))
+        for load, record in zip(terms_of(sums, model).load, sums.records.records, strict=True)
+    )
+    assert pushed > 10.0 and other < 1e-9
+
+
 def test_what_stands_for_the_same_makes_room() -> None:
     start = problem(PAYLOAD)
     terms = terms_of(start.sums, ARM)
@@ -182,6 +197,14 @@ def test_links_that_may_be_anything_are_less_likely_than_a_payload_and_that_says
     without, wider = evidence(start, load)
     assert with_load - without > 20.0
     assert spread < 0.1 < wider
+
+
+def test_of_links_that_were_found_before_a_payload_is_as_likely_once_their_spread_is_chosen() -> None:
+    """A choice among spreads says nothing of what was known of the links; they were then taken for any arm's."""
+    start = replace(problem(PAYLOAD), known=True, spreads=(0.025, 0.05))
+    load = payload_about(terms_of(start.sums, ARM), np.array(COM))
+    rises = [rise_with(one, solve(one), load, ()) for one in (start, replace(start, spreads=(0.025,)))]
+    assert rises[0] == rises[1] and rises[0][0] > 300.0
 
 
 def test_a_push_is_found_with_its_link_wrench_and_times_and_in_nothing_none() -> None:

@@ -186,6 +186,22 @@ def test_names_that_mean_two_things_or_none(tmp_path: Path) -> None:
     assert shape_free(tmp_path / "arm.urdf") == ("shoulder", "wrist")
 
 
+@pytest.mark.parametrize("bare", ['<material name="{0}"/>', '<material name="{0}">\n</material>'])
+@pytest.mark.parametrize("named", ["grey", "nowhere"])
+def test_materials_that_are_said_elsewhere_or_nowhere(tmp_path: Path, bare: str, named: str) -> None:
+    grey = '<material name="grey"><color rgba="0.6 0.6 0.6 1"/></material>'
+    assert grey in CHAIN
+    (tmp_path / "arm.urdf").write_text(CHAIN.replace(grey, bare.format(named)).format(INERTIAL, ""))
+    assert shape_free(tmp_path / "arm.urdf") == ("shoulder", "wrist")
+
+
+def test_a_mesh_that_is_not_there_is_named(tmp_path: Path) -> None:
+    sphere = '<sphere radius="0.1"/>'
+    (tmp_path / "arm.urdf").write_text(CHAIN.replace(sphere, '<mesh filename="shapes/tip.obj"/>').format(INERTIAL, ""))
+    with pytest.raises(ModelError, match=r"shapes/tip\.obj' (resolved to .* which )?does not exist"):
+        shape_free(tmp_path / "arm.urdf")
+
+
 def shape_free(description: Path) -> tuple[str, ...]:
     """The joints of an arm that is read with its shapes."""
     plant, scene_graph = MultibodyPlant(0.0), SceneGraph()

@@ -86,3 +86,30 @@ def test_what_can_be_is_left_alone(tmp_path: Path, name: str, text: str) -> None
     path = tmp_path / name
     path.write_text(text.format(mass="1", lower="-1"))
     assert Model.load(path).joints == ("shoulder",)
+
+
+FOUR_BARS = """<sdf version="1.9"><model name="bars">
+  {links}
+  <joint name="a" type="revolute"><parent>base</parent><child>left</child><axis><xyz>0 1 0</xyz></axis></joint>
+  <joint name="b" type="revolute"><parent>{b[0]}</parent><child>{b[1]}</child><axis><xyz>0 1 0</xyz></axis></joint>
+  <joint name="c" type="revolute"><parent>{c[0]}</parent><child>{c[1]}</child><axis><xyz>0 1 0</xyz></axis></joint>
+  <joint name="d" type="revolute"><parent>{d[0]}</parent><child>{d[1]}</child><axis><xyz>0 1 0</xyz></axis></joint>
+</model></sdf>"""
+
+
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        ("left-top base-right right-top", "'b' and 'd' both move link 'top'"),
+        ("tip-top right-tip top-right", "link 'top' carries itself"),
+    ],
+)
+def test_closed_loops_are_refused(tmp_path: Path, joints: str, said: str) -> None:
+    """Whoever walked along them to the base never came to an end."""
+    mass = "<inertial><mass>1</mass></inertial>"
+    links = "".join(f'<link name="{name}">{mass}</link>' for name in ("base", "left", "right", "top", "tip"))
+    path = tmp_path / "bars.sdf"
+    ends = dict(zip("bcd", (joint.split("-") for joint in joints.split()), strict=True))
+    path.write_text(FOUR_BARS.format(links=links, **ends))
+    with pytest.raises(ModelError, match=f"closed loop: .*{said}"):
+        Model.load(path)

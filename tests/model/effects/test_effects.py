@@ -72,7 +72,9 @@ EFFECTS = {
     "torque_saturation": EffectSpec("torque_saturation", ["panda_joint2"], [], {"limit": [18.0]}),
     "actuator_fault": EffectSpec("actuator_fault", ["panda_joint4"], [], {"gain": [0.6]}),
     "encoder_offset": EffectSpec("encoder_offset", ["panda_joint2"], [], {"offset": [0.05]}),
-    "external_force": EffectSpec("external_force", [], ["panda_link5"], {"wrench": [8.0, -5.0, 6.0, 0.5, 1.0, -1.5]}),
+    "external_force": EffectSpec(
+        "external_force", [], ["panda_link5"], {"wrench": [8.0, -5.0, 6.0, 0.5, 1.0, -1.5], "point": [0.1, -0.2, 0.3]}
+    ),
     "gravity_tilt": EffectSpec("gravity_tilt", [], [], {"roll": [0.06], "pitch": [-0.09]}),
 }
 

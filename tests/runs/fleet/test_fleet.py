@@ -115,6 +115,21 @@ def test_what_hangs_is_ended() -> None:
     assert work._run([sys.executable, "-c", "import sys; sys.exit('why')"], 60.0) == (1, "", "why")
 
 
+def test_a_robot_may_take_as_long_as_it_likes(three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(work, "COMMAND", (sys.executable, "-c", "import sys; sys.exit('why')"))
+    lines = fleet.run_fleet(three, tmp_path / "out", timeout=float("inf"))
+    assert [line.headline for line in lines] == ["gap ended with status 1: why"] * 3
+
+
+def test_what_is_killed_is_said_to_be(three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where memory is short; what it was at is no reason."""
+    dies = "import os, sys; print('searching for a name', file=sys.stderr, flush=True); os.kill(os.getpid(), 9)"
+    monkeypatch.setattr(work, "COMMAND", (sys.executable, "-c", dies))
+    visit = read_fleet(three)[0]
+    line = work.work(visit, tmp_path / "out", (), 60.0)
+    assert (line.verdict, line.headline) == ("failed", "gap was ended by a signal: Killed")
+
+
 HANGS = """
 import os, subprocess, sys, time
 from pathlib import Path
@@ -214,12 +229,37 @@ def test_robots_are_sorted_by_what_is_wrong_and_the_first_day_that_shows_it() ->
         ("robot;date;model;fit;holdout\nr;1;m;a;b\n", "line 1: no column robot, date, model, fit, holdout; "),
         ("robot,date,model,fit,holdout\nr,1,m,a\n", "line 2: nothing in holdout"),
         (HEADER + "r,1,m,a,h\nr,1,m,b,h\n", "line 3: r on 1 stands there twice"),
+        (HEADER + "r,1,m,a,b,h\n", "line 2: more cells than columns; fit logs stand in one, with ; between"),
+        (HEADER + "\n\nr,1,m,a,\n", "line 4: nothing in holdout"),
+        (HEADER + "r,1,m,;,h\n", "line 2: nothing in fit"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused(text: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "fleet.csv").write_text(text)
     with pytest.raises(TwinError, match=said):
         read_fleet(tmp_path / "fleet.csv")
+
+
+def test_a_table_may_come_from_a_spreadsheet(tmp_path: Path) -> None:
+    text = "\ufeff" + HEADER + '"r, ""1""",1,m,"a; b",h\nr,2,m,a,h,\n,,,,\n'
+    (tmp_path / "fleet.csv").write_text(text.replace("\n", "\r\n"), encoding="utf-8", newline="")
+    first, second = read_fleet(tmp_path / "fleet.csv")
+    assert first.robot == 'r, "1"' and [path.name for path in first.fit] == ["a", "b"] and second.date == "2"
+
+
+def test_a_bag_or_constants_that_change_are_another_question(tmp_path: Path) -> None:
+    (tmp_path / "fleet.csv").write_text(HEADER + "r,1,m,a.mcap#/states,h\n")
+    bag, constants = tmp_path / "a.mcap", tmp_path / "constants.yaml"
+    bag.write_text("1")
+    constants.write_text("[1.0]")
+    [visit] = read_fleet(tmp_path / "fleet.csv")
+    options = ("--torque-constants", str(constants))
+    before = visit.mark()
+    bag.write_text("11")
+    assert visit.mark() != before
+    told = visit.mark(options)
+    constants.write_text("[2.0]")
+    assert visit.mark(options) != told
 
 
 def test_visits_have_folders_of_their_own(three: Path) -> None:

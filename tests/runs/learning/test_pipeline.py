@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +26,7 @@ from twin_diagram.runs.learning.pipeline import Learner
 from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done
+from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
 
 PICTURE = shown(turned(0.0), np.eye(4), 0).picture
@@ -165,6 +167,21 @@ def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_wor
             pass
         kept = LearningRecord(tmp_path / "run", Scenario()).resume()
         assert [one.state for one in kept.learned] == [expected] and kept.world["positions"].tolist() == [1.0, 2.0]
+
+
+def test_no_asset_is_written_between_a_signal_and_the_arms_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, done, finished = learner(Bin([]), tmp_path / "run", monkeypatch), [Done("object_01", None)], list[str]()
+    run.state.learned = [Learned("object_01")]
+    run.record.save(run.state)
+    jobs: Any = SimpleNamespace(poll=lambda: [done.pop() for _ in done[:]], pending=[], close=done.clear)
+    run._jobs, run.tools = jobs, SimpleNamespace(**vars(run.tools), model=None)  # type: ignore[assignment]
+    monkeypatch.setattr(
+        "twin_diagram.runs.learning.pipeline.finish", lambda record, one, model: finished.append(one.name)
+    )
+    with pytest.raises(Stopped), run._stage("object_02", "display"):
+        raise Stopped(signal.SIGINT)
+    assert not finished, "it takes seconds, of which there are ten"
+    assert LearningRecord(tmp_path / "run", Scenario()).resume().named("object_01").state == "handled"
 
 
 def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(

@@ -73,6 +73,9 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
     filled(tmp_path / "run")
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs" / "events.jsonl").write_text("{}\n")
+    # Another bin's empty hand: its gains and biases are those of another arm.
+    begun(tmp_path / "swung")
+    (tmp_path / "swung" / "swung.npz").write_bytes(b"")
     other = copy_scenario(Scenario())
     other.seed = 77
     for call, words in (
@@ -82,6 +85,7 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
         (LearningRecord(tmp_path / "run", Scenario()).begin, "--resume goes on"),
         (LearningRecord(tmp_path / "run" / "state.npz" / "x", Scenario()).begin, "--out"),
         (LearningRecord(tmp_path / "theirs", Scenario()).begin, "events.jsonl is of something else"),
+        (LearningRecord(tmp_path / "swung", Scenario()).begin, "swung.npz is of something else"),
         (lambda: filled(tmp_path / "more")[1].named("object_09"), "object_01"),
     ):
         with pytest.raises(LearningError, match=words) as error:

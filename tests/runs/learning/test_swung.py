@@ -128,3 +128,6 @@ def test_what_turns_between_the_fingers_is_swung_no_further() -> None:
     with pytest.raises(Slipping, match="turns between the fingers"):
         swing(turning, motion, ("a", "b"), "loaded")  # type: ignore[arg-type]
     assert turning.braked and turning.opening == pytest.approx(0.0445, abs=2e-5), "a quarter of a second later"
+    bare = Hand(0.5)
+    swing(bare, motion, ("a", "b"), "empty", held=False)  # type: ignore[arg-type]
+    assert not bare.braked, "in an empty hand nothing turns: fingers that give way by 1 mm end no run"

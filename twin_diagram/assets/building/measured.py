@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -26,6 +27,8 @@ class MeasuredInertia:
         centre_std: (3,) [m].
         inertia_std: (6,) in the order of `SIX` [kg·m²].
         by: for `mass`, `centre` and `inertia` where it is from: `measured`, `partly` or `from shape alone`.
+        centre_covariance: (3, 3) of the centre, whose diagonal `centre_std` tells; None: each error is of its own.
+        inertia_covariance: (6, 6) the same of the inertia.
     """
 
     mass: float
@@ -35,6 +38,8 @@ class MeasuredInertia:
     centre_std: Array
     inertia_std: Array
     by: dict[str, str]
+    centre_covariance: Array | None = None
+    inertia_covariance: Array | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no body has."""
@@ -45,32 +50,41 @@ class MeasuredInertia:
             raise AssetError(f"mass {self.mass:g} kg with principal moments {moments} kg·m²: no body has these")
 
     def turned(self, R: Array) -> MeasuredInertia:
-        """Return it in axes turned by R (3, 3): p' = R p; standard errors along the new axes.
-
-        Errors of the six elements count as independent; an element off the diagonal stands in the matrix twice.
-        """
-        centre_std = np.sqrt(np.maximum(np.diag(R @ np.diag(self.centre_std**2) @ R.T), 0.0))
-        std = np.zeros((3, 3))
-        for value, (i, j) in zip(self.inertia_std, SIX, strict=True):
-            std[i, j] = std[j, i] = value
-        squares = np.array([[_variance(R[i], R[j], std) for j in range(3)] for i in range(3)])
+        """Return it in axes turned by R (3, 3): p' = R p; standard errors along the new axes."""
+        six = np.stack([_elements(R @ unit @ R.T) for unit in _UNITS], axis=1)
+        centre_std, centre = _after(R, self.centre_std, self.centre_covariance)
+        inertia_std, inertia = _after(six, self.inertia_std, self.inertia_covariance)
         return MeasuredInertia(
             self.mass,
             R @ self.centre,
             R @ self.inertia @ R.T,
             self.mass_std,
             centre_std,
-            np.array([np.sqrt(squares[i, j]) for i, j in SIX]),
+            inertia_std,
             self.by,
+            centre,
+            inertia,
         )
 
 
-def _variance(a: Array, b: Array, std: Array) -> float:
-    """Return the variance of a · I b for directions (3,), where each of I's six elements has an error of its own."""
-    both = np.outer(a, b)
-    share = (np.triu(both) + np.triu(both.T, 1)) ** 2
+def _elements(tensor: Array) -> Array:
+    return np.array([tensor[i, j] for i, j in SIX])
+
+
+_UNITS: Final = [np.array([[float((i, j) in (at, at[::-1])) for j in range(3)] for i in range(3)]) for at in SIX]
+"""Inertias (3, 3) of which one element is 1, in the order of `SIX`."""
+
+
+def _after(change: Array, std: Array, covariance: Array | None) -> tuple[Array, Array | None]:
+    """Return standard errors (k,) and covariance (k, k) of what a linear change (k, k) makes of numbers."""
+    if covariance is None and np.isfinite(std).all():
+        covariance = np.diag(std**2)
+    if covariance is not None:
+        changed = change @ covariance @ change.T
+        return np.sqrt(np.maximum(np.diag(changed), 0.0)), changed
+    share = change**2
     # What is not known at all, and has no part in it, leaves it known.
-    return float(np.sum(share * np.where(share > 0.0, std**2, 0.0)))
+    return np.sqrt(np.sum(share * np.where(share > 0.0, std**2, 0.0), axis=1)), None
 
 
 def from_shape_alone(solid: EvenBody, density: float) -> MeasuredInertia:

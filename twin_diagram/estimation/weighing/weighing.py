@@ -16,7 +16,7 @@ from twin_diagram.estimation.weighing.shape_prior import ShapePrior
 from twin_diagram.estimation.weighing.torque_data import EmptyRun, LoadedRun, read_run
 from twin_diagram.estimation.weighing.torque_fit import ArmDoubt, TorqueFit, fit_torques
 from twin_diagram.model.model import Model
-from twin_diagram.model.rigid_body.mass_properties import about_centre
+from twin_diagram.model.rigid_body.mass_properties import about_centre, six_of
 from twin_diagram.signals.arrays import Array
 
 
@@ -100,8 +100,10 @@ class Weighing:
         groups = {"mass": ("mass",), "centre": ("hx", "hy", "hz"), "inertia": ("moment_1", "moment_2", "moment_3")}
         by = {name: max((self.verdicts[one] for one in group), key=VERDICTS.index) for name, group in groups.items()}
         std = self.errors
+        _, centre, inertia = about_centre(self.posterior.bodies)
+        spreads = together(centre, self.centre), together(six_of(inertia), six_of(self.inertia))
         return MeasuredInertia(
-            self.mass, self.centre, self.inertia, float(std["mass"]), std["centre"], std["inertia"], by
+            self.mass, self.centre, self.inertia, float(std["mass"]), std["centre"], std["inertia"], by, *spreads
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -215,6 +217,12 @@ def _summary(fit: TorqueFit, found: Posterior, prior: ShapePrior, delay: float, 
 def about(draws: Array, told: Array) -> Array:
     """Return the standard errors (…) of what is told (…), by draws (S, …) of what it may be."""
     return np.asarray(np.sqrt(np.mean((draws - told) ** 2, axis=0)))
+
+
+def together(draws: Array, told: Array) -> Array:
+    """Return the covariance (k, k) of what is told (k,), by draws (S, k): `about` squared is its diagonal."""
+    off = draws - told
+    return np.asarray(off.T @ off / len(off))
 
 
 def verdict(share: float) -> str:

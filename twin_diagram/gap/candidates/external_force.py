@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate, transformed
+from twin_diagram.gap.candidates.given_link import link_inertia
 from twin_diagram.gap.candidates.merging import beside
 from twin_diagram.gap.candidates.records import EffectRecord, Wakes, register
 from twin_diagram.gap.candidates.whole_arm import mass_scale, reach
@@ -18,58 +20,97 @@ from twin_diagram.model.rigid_body.kinematic_tree import Kinematics
 from twin_diagram.signals.arrays import Array
 
 
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    places: float = 2.0
+    """Places on a link at which a force is looked for: its origin, and its centre of mass, at which simulators push."""
+
+
+TUNING = Tuning()
+
+
 def external_forces(terms: Terms) -> list[Candidate]:
     """Return a constant wrench at each link's origin, world axes, force first.
 
     They act once they have a span of time.
     """
+    result = []
+    for body in range(terms.records.n):
+        wrench = _wrench(terms, body, np.zeros(3))
+        result += [_force(wrench, np.zeros(3)), wrench]
+    return result
+
+
+def forces_at_centres(terms: Terms) -> list[Candidate]:
+    """Return a constant force at the centre of mass of each link that has one, world axes.
+
+    Where a link turns while it is pushed, that is no constant wrench at its origin.
+    """
+    model = terms.records.model
+    result = []
+    for body in range(terms.records.n):
+        mass, centre, _ = link_inertia(model, model.tree.link[body])
+        if mass > 0.0 and np.any(centre):
+            force = _force(_wrench(terms, body, centre), centre)
+            result.append(replace(force, cost=float(np.log(TUNING.places))))
+    return result
+
+
+def _wrench(terms: Terms, body: int, point: Array) -> Candidate:
+    """Return a constant wrench at a point (3,) of a body's link, in the link's frame."""
     model = terms.records.model
     tree = model.tree
     weight = 9.81 * mass_scale(terms)
-    spread = np.concatenate([np.full(3, weight), np.full(3, 0.2 * weight * reach(terms))])
-    result = []
-    for body in range(terms.records.n):
+    # Where a joint is not at its link's origin, as in MJCF, the body's own frame is not the link's.
+    p_MP = np.asarray(model.bodies.body_of(tree.link[body])[1].multiply(cast(Any, point))).ravel()
 
-        def law(record: Record, body: int = body) -> Array:
-            motion = Kinematics.of(tree, record.q.T)
-            moved = motion.ancestors[body][:, None]
-            columns = np.empty((*record.q.shape, 6))
-            for k, axis in enumerate(np.eye(3)):
-                arm = np.cross(motion.p[:, body].T, axis)
-                columns[..., k] = -(moved * (motion.linear[k] + np.einsum("na,ain->in", arm, motion.angular))).T
-                columns[..., 3 + k] = -(moved * motion.angular[k]).T
-            return columns
+    def law(record: Record) -> Array:
+        motion = Kinematics.of(tree, terms.records.angles(record).T)
+        moved = motion.ancestors[body][:, None]
+        place = (np.einsum("abn,b->an", motion.R[:, :, body], p_MP) + motion.p[:, body]).T
+        columns = np.empty((*record.q.shape, 6))
+        for k, axis in enumerate(np.eye(3)):
+            arm = np.cross(place, axis)
+            columns[..., k] = -(moved * (motion.linear[k] + np.einsum("na,ain->in", arm, motion.angular))).T
+            columns[..., 3 + k] = -(moved * motion.angular[k]).T
+        return columns
 
-        wrench = Candidate(
-            name=ExternalForce.name,
-            joints=(),
-            links=(tree.link[body],),
-            rows=tuple(range(terms.records.n)),
-            columns=terms.records.reduce(law),
-            spread=spread,
-            lower=np.full(6, -np.inf),
-            upper=np.full(6, np.inf),
-            parameters=transformed(lambda c: {"wrench": c}),
-        )
-        force = replace(
-            wrench,
-            columns=wrench.columns[..., :3],
-            spread=spread[:3],
-            lower=wrench.lower[:3],
-            upper=wrench.upper[:3],
-            parameters=transformed(lambda c: {"wrench": np.concatenate([c, np.zeros(3)])}),
-        )
-        result += [force, wrench]
-    return result
+    return Candidate(
+        name=ExternalForce.name,
+        joints=(),
+        links=(tree.link[body],),
+        rows=tuple(range(terms.records.n)),
+        columns=terms.records.reduce(law),
+        spread=np.concatenate([np.full(3, weight), np.full(3, 0.2 * weight * reach(terms))]),
+        lower=np.full(6, -np.inf),
+        upper=np.full(6, np.inf),
+        parameters=transformed(lambda c: {"wrench": c, "point": point}),
+    )
+
+
+def _force(wrench: Candidate, point: Array) -> Candidate:
+    """Return a wrench's force alone."""
+    return replace(
+        wrench,
+        columns=wrench.columns[..., :3],
+        spread=wrench.spread[:3],
+        lower=wrench.lower[:3],
+        upper=wrench.upper[:3],
+        parameters=transformed(lambda c: {"wrench": np.concatenate([c, np.zeros(3)]), "point": point}),
+    )
 
 
 def sentence(effect: Effect) -> str:
     """Return its wrench, and when it acts."""
     fx, fy, fz, mx, my, mz = effect.value("wrench")
+    point = effect.value("point")
+    where = f" at ({', '.join(f'{x:.4g}' for x in point)}) m" if np.any(point) else ""
     when = "" if effect.onset is None else f" from {effect.onset:.4g} s on"
     when += "" if effect.end is None else f" until {effect.end:.4g} s"
     return (
-        f"something pushes {effect.links[0]} with ({fx:.4g}, {fy:.4g}, {fz:.4g}) N and turns it with "
+        f"something pushes {effect.links[0]}{where} with ({fx:.4g}, {fy:.4g}, {fz:.4g}) N and turns it with "
         f"({mx:.4g}, {my:.4g}, {mz:.4g}) N·m, in world axes{when}"
     )
 
@@ -80,9 +121,11 @@ register(
         title="A push from outside",
         explanation="Something pushed or pulled at a link for a while.",
         sentence=sentence,
+        keys={"point": "where it is told of, in the link's frame"},
         once=True,
         merge=beside,
         per_joint=False,
+        fixed=frozenset({"point"}),
         wakes=frozenset({Wakes.TIME}),
     )
 )

@@ -62,7 +62,7 @@ def gear(terms: Terms, shape: GearShape) -> Candidate | None:
 
     def law(record: Record) -> Array:
         beyond = record.torque - record.given
-        return model.law.twist((record.q, record.v, record.a), 1.0 / record.rate, beyond).torque
+        return model.law.twist((records.angles(record), record.v, record.a), 1.0 / record.rate, beyond).torque
 
     with np.errstate(all="ignore"):
         torque = records.reduce(law)

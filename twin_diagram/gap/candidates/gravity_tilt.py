@@ -32,10 +32,8 @@ def tilt(terms: Terms, about: Array | None = None) -> Candidate:
     turns = [np.cross(g, axis) for axis in np.eye(3)[:2]]
 
     def law(record: Record) -> Array:
-        zero = np.zeros_like(record.q)
-        parts = [
-            replace(tree.bare(tree.inertia), gravity=turn).inverse_dynamics(record.q, zero, zero) for turn in turns
-        ]
+        q, zero = terms.records.angles(record), np.zeros_like(record.q)
+        parts = [replace(tree.bare(tree.inertia), gravity=turn).inverse_dynamics(q, zero, zero) for turn in turns]
         return np.stack(parts, axis=-1)
 
     return Candidate(

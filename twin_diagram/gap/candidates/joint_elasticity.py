@@ -48,11 +48,12 @@ def on_arm(terms: Terms) -> list[Candidate]:
             rate = rate_of(twist[:, None], record)[:, 0]
             second = rate_of(rate[:, None], record)[:, 0]
             unit = 1e-7 * np.eye(terms.records.n)[j]
-            q = record.q - np.outer(twist, unit)
+            angles = terms.records.angles(record)
+            q = angles - np.outer(twist, unit)
             v = record.v - np.outer(rate, unit)
             a = record.a - np.outer(second, unit)
             bare = replace(tree, rotor=np.zeros_like(tree.rotor), damping=np.zeros_like(tree.damping))
-            there = bare.inverse_dynamics(q, v, a) - bare.inverse_dynamics(record.q, record.v, record.a)
+            there = bare.inverse_dynamics(q, v, a) - bare.inverse_dynamics(angles, record.v, record.a)
             columns = np.zeros((*record.q.shape, 2))
             columns[..., 0] = there / 1e-7
             columns[:, j, 1] = record.a[:, j]

@@ -37,7 +37,7 @@ TUNING = Tuning()
 
 def on_joints(terms: Terms) -> list[list[Candidate]]:
     """Return a straight spring and a few curves for each joint."""
-    q = terms.records.reduce(lambda r: r.q)
+    q = terms.records.reduce(terms.records.angles)
     return [those_there([_straight(terms, j, q[:, j]), *_curves(terms, j)]) for j in range(terms.records.n)]
 
 
@@ -54,7 +54,7 @@ def _straight(terms: Terms, j: int, angle: Array) -> Candidate | None:
 
 def _curves(terms: Terms, j: int) -> Iterator[Candidate | None]:
     """Splines of the angle, over the range that the joint has gone through."""
-    everything = np.concatenate([r.q[:, j] for r in terms.records.records])
+    everything = np.concatenate([terms.records.angles(r)[:, j] for r in terms.records.records])
     low, high = float(everything.min()), float(everything.max())
     if high - low < TUNING.least_range:
         return
@@ -66,7 +66,7 @@ def _curves(terms: Terms, j: int) -> Iterator[Candidate | None]:
         def basis(q: Array, knots: Array = knots) -> Array:
             return scipy.interpolate.BSpline.design_matrix(np.clip(q, low, high), knots, 3).toarray()
 
-        columns = terms.reduce(tuple(basis(r.q[:, j]) for r in terms.records.records))
+        columns = terms.reduce(tuple(basis(terms.records.angles(r)[:, j]) for r in terms.records.records))
         size = np.sqrt(np.mean(columns**2, axis=0))
         if np.any(size < 1e-4):
             continue

@@ -89,6 +89,7 @@ class EffectRecord:
         adds: parameters that may be negative as differences.
         logarithmic: parameters whose logarithm is refined: their size is what matters.
         untold: parameters that may be left to their defaults, and are not reported.
+        fixed: parameters that are told, and not looked for: a choice, as of the point about which a wrench is told.
         held: parameters that stay above half of what they were found to be.
         scanned: parameter on which torques depend so steeply that a step from a rough value may lead astray.
         sharp: whether it knocks, so that samples must not be thinned.
@@ -148,6 +149,7 @@ class EffectRecord:
     adds: frozenset[str] = frozenset()
     logarithmic: frozenset[str] = frozenset()
     untold: frozenset[str] = frozenset()
+    fixed: frozenset[str] = frozenset()
     held: frozenset[str] = frozenset()
     scanned: str = ""
     sharp: bool = False

@@ -59,7 +59,7 @@ def ripple_columns(terms: Terms, j: int, counts: Array) -> Array:
     """Return (ΣD, 2 M): sines, then cosines."""
     parts = []
     for record in terms.records.records:
-        angle = record.q[:, j, None] * counts
+        angle = terms.records.angles(record)[:, j, None] * counts
         parts.append(np.concatenate([np.sin(angle), np.cos(angle)], axis=1))
     return terms.reduce(tuple(parts))
 

@@ -98,7 +98,7 @@ def _torque(terms: Terms, cls: type[Effect], j: int, record: Record, load: Array
     parameters = {key: [value] for key, value in zip(cls.kinds, inside, strict=True)}
     effect = effect_of(cls, EffectSpec(cls.name, [model.joints[j]], [], parameters))
     effect = with_values(effect, {key: [value] for key, value in zip(cls.kinds, values, strict=True)}, check=False)
-    return effect.torque(model.bodies, record.q, record.v, record.a, load)
+    return effect.torque(model.bodies, model.true_position(record.q), record.v, record.a, load)
 
 
 def _linear(terms: Terms, cls: type[Effect], j: int) -> bool:

@@ -196,11 +196,19 @@ def _retimed(hypothesis: Hypothesis, vector: Array, records: Records) -> Hypothe
             )
         except ModelError:
             continue
-        record = records.records[marks.index(mark)]
-        when = onset_times.retimed(parts[members[0]].when, present, absent, record, records, noise, weights)
+        when = parts[members[0]].when
+        record = _stretch_of(records, mark, when)
+        when = onset_times.retimed(when, present, absent, record, records, noise, weights)
         for k in members:
             parts[k] = parts[k].at(when)
     return replace(hypothesis, parts=tuple(parts))
+
+
+def _stretch_of(records: Records, mark: str, when: onset_times.When) -> Record:
+    """Return the record in which an effect starts, or else ends: a run that went silent has several, of one mark."""
+    own = [record for record in records.records if record.mark == mark]
+    moments = [moment for moment in (when.onset, when.end) if moment is not None]
+    return next((r for t in moments for r in own if r.time[0] <= t <= r.time[-1]), own[0])
 
 
 def equation_error(hypothesis: Hypothesis, records: Records, *, coloured: bool = True) -> Solution:

@@ -7,7 +7,7 @@ effect can say alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -116,8 +116,3 @@ def is_less(piece: EffectSpec) -> bool:
 def _something(spec: EffectSpec) -> bool:
     first = spec.parameters.get("static") or next(iter(spec.parameters.values()))
     return not record_of(spec.name).positive or bool(np.max(np.abs(first)) > MERGING.nothing)
-
-
-def names(specs: Sequence[EffectSpec]) -> str:
-    """Name effects in a message."""
-    return ", ".join(spec.name for spec in specs)

@@ -161,7 +161,7 @@ class Coordinates:
     def _free(self) -> list[tuple[list[float], Any]]:
         result = []
         for key, values in self.spec.parameters.items():
-            free = np.ones(len(values), dtype=bool)
+            free = np.full(len(values), key not in record_of(self.spec.name).fixed)
             if key == "curve":
                 free[: len(values) // 2] = False
             result.append((values, free))

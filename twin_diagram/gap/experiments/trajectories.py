@@ -33,11 +33,14 @@ class Tuning:
     half: float = 0.02
     """Half of the way between two of them [rad, or m]."""
 
+    turning: float = 0.06
+    """Shortest time in which one turns [s]; longer where the arm was not seen to accelerate so hard."""
+
     at_rest: float = 0.02
     """A run that begins and ends below this share of its highest speed does so at rest."""
 
     lead: float = 1.0
-    """In which one that does not is brought to its speed, and from it [s]."""
+    """Shortest time in which one that does not is brought to its speed, and from it [s]."""
 
 
 TUNING = Tuning()
@@ -158,11 +161,11 @@ def slow_reversals(seen: Visited, chosen: Sequence[int]) -> Array:
     parts = [here[None]]
     for j in chosen:
         # A short or slow slide has less room than a revolute joint.
-        half = min(TUNING.half, 0.15 * (seen.upper[j] - seen.lower[j]))
-        turns = np.arange(
-            0.0, 10.0, TUNING.period * min(TUNING.slow, seen.speed[j]) / max(half, 1e-6)
-        )  # in quarters of the wave
-        wave = _soften(half * 2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * turns)), 0.06)
+        half = max(min(TUNING.half, 0.15 * (seen.upper[j] - seen.lower[j])), 1e-6)
+        slow = min(TUNING.slow, seen.speed[j])
+        turns = np.linspace(0.0, 10.0, int(np.ceil(10.0 * half / (slow * TUNING.period))) + 1)  # quarters of the wave
+        turning = max(TUNING.turning, 2.0 * slow / seen.acceleration[j])
+        wave = _soften(half * 2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * turns)), turning)
         for share in np.linspace(0.15, 0.85, 5):
             there = _middle(seen)
             there[j] = seen.lower[j] + share * (seen.upper[j] - seen.lower[j])
@@ -196,29 +199,32 @@ def fast_sines(seen: Visited, chosen: Sequence[int]) -> Array:
     """Small sines of 1 to 4 Hz about one pose, as hard as the arm was seen to accelerate."""
     middle = _middle(seen)
     parts = [middle[None]]
+    time = np.arange(0.0, 4.0, TUNING.period, dtype=np.float64)
+    envelope = _ease(time / 0.8) * _ease((4.0 - time) / 0.8)
     for j in chosen:
-        for frequency in (1.0, 2.0, 4.0):
-            w = 2.0 * np.pi * frequency
-            size = min(
-                0.8 * seen.acceleration[j] / w**2, 0.9 * seen.speed[j] / w, 0.3 * (seen.upper[j] - seen.lower[j])
-            )
-            time = np.arange(0.0, 4.0, TUNING.period, dtype=np.float64)
-            envelope = _ease(time / 0.8) * _ease((4.0 - time) / 0.8)
-            part = np.repeat(middle[None], len(time), axis=0)
-            part[:, j] += size * envelope * np.sin(w * time)
+        w = 2.0 * np.pi * np.array([1.0, 2.0, 4.0])
+        most = 0.3 * (seen.upper[j] - seen.lower[j])
+        sizes = np.minimum(np.minimum(0.8 * seen.acceleration[j] / w**2, 0.9 * seen.speed[j] / w), most)
+        centre = middle.copy()  # with room to both sides
+        centre[j] = np.clip(middle[j], seen.lower[j] + sizes[0], seen.upper[j] - sizes[0])
+        parts.append(_move(seen, middle, centre, 0.5))
+        for speed, size in zip(w, sizes, strict=True):
+            part = np.repeat(centre[None], len(time), axis=0)
+            part[:, j] += size * envelope * np.sin(speed * time)
             parts.append(part)
+        parts.append(_move(seen, centre, middle, 0.5))
     return np.concatenate(parts)
 
 
 def run_again(seen: Visited, chosen: Sequence[int]) -> Array:
     """Return the first run's own motion."""
     del chosen
-    return _from_rest(seen.run)
+    return _from_rest(seen)
 
 
 def run_many(seen: Visited, chosen: Sequence[int]) -> Array:
     """Return the first run's own motion, over and over for three minutes."""
-    run = _from_rest(seen.run)
+    run = _from_rest(seen)
     once = np.concatenate([run, _move(seen, run[-1], run[0], 0.5)])
     del chosen
     return np.concatenate([once] * max(2, int(np.ceil(180.0 / (TUNING.period * len(once))))))
@@ -228,7 +234,7 @@ def run_with_rests(seen: Visited, chosen: Sequence[int]) -> Array:
     """Return the first run's own motion between ten seconds of rest."""
     still = round(10.0 / TUNING.period)
     del chosen
-    run = _from_rest(seen.run)
+    run = _from_rest(seen)
     return np.concatenate([np.repeat(run[:1], still, axis=0), run, np.repeat(run[-1:], still, axis=0)])
 
 
@@ -263,14 +269,26 @@ def _middle(seen: Visited) -> Array:
     return np.array(seen.poses[int(np.argmin(np.linalg.norm((seen.poses - centre) / size, axis=1)))])
 
 
-def _from_rest(run: Array) -> Array:
-    """Return the same path, begun and ended at rest where the log was cut in motion."""
+def _from_rest(seen: Visited) -> Array:
+    """Return the first run's path, begun and ended at rest, no harder than it was, where the log was cut in motion."""
+    run = seen.run
     steps = np.abs(np.diff(run, axis=0))
     if np.all(np.maximum(steps[0], steps[-1]) <= TUNING.at_rest * np.max(steps, axis=0)):
         return run
-    whole = TUNING.period * (len(run) - 1)
-    time = np.arange(0.0, whole + TUNING.lead, TUNING.period)
-    rate = np.minimum(_ease(time / TUNING.lead), _ease((time[-1] - time) / TUNING.lead))
+    own = np.max(np.abs(np.diff(run, 2, axis=0)), axis=0, initial=0.0)
+    hardest = 1.02 * np.maximum(own, TUNING.period**2 * seen.acceleration)
+    whole, lead = TUNING.period * (len(run) - 1), TUNING.lead
+    while True:
+        again = _with_leads(run, lead)
+        if lead >= whole or np.all(np.abs(np.diff(again, 2, axis=0)) <= hardest):
+            return again
+        lead = min(1.3 * lead, whole)
+
+
+def _with_leads(run: Array, lead: float) -> Array:
+    """Return a path that comes to its speed, and from it, in so long [s]."""
+    time = np.arange(0.0, TUNING.period * (len(run) - 1) + lead, TUNING.period)
+    rate = np.minimum(_ease(time / lead), _ease((time[-1] - time) / lead))
     along = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
     along *= (len(run) - 1) / along[-1]
     return np.stack([np.interp(along, np.arange(len(run)), x) for x in run.T], axis=1)
@@ -307,7 +325,7 @@ def _cruise(a: Array, b: Array, speed: float, acceleration: float, j: int) -> Ar
 
 
 def _soften(wave: Array, duration: float) -> Array:
-    """Rounds the corners of a wave that starts and ends at rest."""
-    width = max(3, round(duration / TUNING.period) | 1)
-    padded = np.pad(wave, width // 2, mode="edge")
+    """Return a wave with round corners, its first and last among them; it starts and ends where it did, at rest."""
+    width = max(3, int(np.ceil(duration / TUNING.period)))
+    padded = np.pad(wave, width - 1, mode="edge")
     return np.asarray(np.convolve(padded, np.ones(width) / width, mode="valid"), dtype=np.float64)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.gap.search.bench import TUNING as BENCH
 from twin_diagram.logs import Log
 from twin_diagram.logs.differentiation import below_cutoff, inner, motion
 from twin_diagram.model.model import Model
@@ -118,10 +119,12 @@ class Shown:
     def left_over(self) -> float:
         """Return the share of the held-out gap above the noise that is left, all joints together.
 
-        1 where there was none. Joints count in units of their noise, so that a wrist weighs as much as a shoulder.
+        1 where there was none. Joints count in units of their noise, so that a wrist weighs as much as a shoulder, and
+        where the corrected model makes a gap of what was none, it counts, too.
         """
         before, after = (above_noise(x, self.noise_floor) / self.noise_floor for x in self.holdout_rms())
-        before, after = before[self.has_gap()], after[self.has_gap()]
+        there = self.has_gap() | self.worse()
+        before, after = before[there], after[there]
         whole = float(np.linalg.norm(before))
         return float(np.linalg.norm(after)) / whole if whole > 0.0 else 1.0
 
@@ -162,7 +165,7 @@ def show(
         fit: checked logs.
         holdout: a checked log.
         noise_floor: (n,) torque noise after the residual's low-pass [N·m], known without any of the two models
-            (`noise_below`).
+            (`noise_below`); where logs were smoothed and show none, what a search takes for noise at least, counts.
         horizon: of the rollouts [s].
         say: told what is being done.
     """
@@ -171,7 +174,8 @@ def show(
     runs = tuple(compare(given, corrected, log) for log in fit)
     say("rollouts of the held-out run before and after")
     held = compare(given, corrected, holdout, held_out=True, horizon=horizon)
-    return Shown(given.joints, runs, held, np.maximum(noise_floor, 1e-12), given.prismatic)
+    least = np.maximum(BENCH.finest * rms([run.torque for run in runs]), 1e-12)
+    return Shown(given.joints, runs, held, np.maximum(noise_floor, least), given.prismatic)
 
 
 def compare(

@@ -21,7 +21,8 @@ LONG = 150
 def page(subject: Subject) -> str:
     """Return the whole file."""
     verdict = subject.verdict
-    badge = {"named": "effect found", "none": "no gap found", "unknown": "unknown effect"}[verdict.verdict]
+    none = "no gap found" if verdict.recorded is None else "nothing new"
+    badge = {"named": "effect found", "none": none, "unknown": "unknown effect"}[verdict.verdict]
     parts = [
         found(subject),
         where(subject),
@@ -50,7 +51,7 @@ def _size(headline: str) -> str:
 
 
 def _runs_in_words(subject: Subject) -> str:
-    count = len(subject.shown.fit)
+    count = max(subject.files) + 1
     return f"{count} fitted run{'s' if count > 1 else ''} and one held out"
 
 
@@ -62,7 +63,7 @@ def _tiles(subject: Subject) -> str:
     tiles = []
     if subject.changed:
         closed = words.percent(max(1.0 - shown.left_over(), 0.0))
-        there = bool(np.any(shown.has_gap()))
+        there = bool(np.any(shown.has_gap() | shown.worse()))
         tiles += [
             (closed, "of the gap above the noise is closed on the run that was held out")
             if there
@@ -131,7 +132,11 @@ def _how(subject: Subject) -> str:
     terms: tuple[tuple[str, str], ...] = (
         ("residual torque", "what the motors gave less what the model says that the measured motion takes"),
         ("held out", "a run that was used for nothing but these figures, so that it cannot be fitted by accident"),
-        ("noise", "what is left of the torque sensor’s own scatter below 10 Hz; a lower bound for every model"),
+        (
+            "noise",
+            "what is left of the torque sensor’s own scatter below 10 Hz, and no less than 0.05 % of the torque, which "
+            "filters and sampling leave: a lower bound for every model",
+        ),
         ("probability", "from how well all effects of the catalogue, at all places, explain the same runs"),
         ("distance", "between two explanations, each at its best, in standard deviations of the noise"),
         (

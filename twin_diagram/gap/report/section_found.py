@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 
 from twin_diagram.gap.candidates.records import record_of
@@ -14,7 +16,13 @@ from twin_diagram.gap.report.subject import Subject
 def found(subject: Subject) -> str:
     """Return the effects, each with its sentence, parameters and probability."""
     verdict = subject.verdict
-    if verdict.verdict == "none":
+    if verdict.verdict == "none" and verdict.recorded is not None:
+        body = (
+            '<p class="lead">These runs leave no more torque unexplained than was left when this model was corrected, '
+            "so nothing new has a name. What is left may be more than noise: it had no name then, and has none now. "
+            "This speaks of the motions in these runs alone.</p>"
+        )
+    elif verdict.verdict == "none":
         body = (
             '<p class="lead">The torque that the motors gave is what the model says that these motions take, but for '
             "noise: a test that is calibrated on clean runs finds no structure in what is left. This speaks of "
@@ -39,7 +47,8 @@ def found(subject: Subject) -> str:
             f'<p class="lead">{lead}, named relative to the given model: what must be added to it to explain the '
             "measured torque.</p>"
             + "".join(
-                _finding(finding, len(subject.shown.fit) > 1, subject.given.prismatic) for finding in verdict.findings
+                _finding(_by_file(finding, subject.files), max(subject.files) > 0, subject.given.prismatic)
+                for finding in verdict.findings
             )
         )
     if verdict.remainder:
@@ -50,8 +59,14 @@ def found(subject: Subject) -> str:
     return f'<section id="found"><h2>What was found</h2>{body}</section>'
 
 
+def _by_file(finding: Finding, files: Sequence[int]) -> Finding:
+    """Return a finding whose moments tell files as gap.json does, not the stretches that one is parted into."""
+    onset, end = (when and replace(when, log=files[when.log]) for when in (finding.onset, finding.end))
+    return replace(finding, onset=onset, end=end)
+
+
 def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
-    sentence = sentence_of(finding, prismatic)
+    sentence = _of_links(finding) if len(finding.links) > 1 else sentence_of(finding, prismatic)
     only = bool(finding.joints) and prismatic.issuperset(finding.joints)
     when = words.duration(finding, several)
     when = f", {when}" if when and " from " not in sentence else ""
@@ -77,6 +92,14 @@ def _finding(finding: Finding, several: bool, prismatic: frozenset[str]) -> str:
     )
 
 
+def _of_links(finding: Finding) -> str:
+    """Return what is said of several links at once, whose numbers no motion tells one by one."""
+    return (
+        f"the inertia of {words.listed(finding.links)} is other than described; motion tells sums of these numbers "
+        "better than each alone, so their errors go together"
+    )
+
+
 def _whichever(finding: Finding) -> str:
     """Return what is sure where only kinds and joints of dry friction compete.
 
@@ -88,21 +111,22 @@ def _whichever(finding: Finding) -> str:
 
 
 def _parameters(finding: Finding, prismatic: frozenset[str]) -> str:
-    """Return a line per joint where there are several, else one per parameter."""
+    """Return a line per joint or link where there are several, else one per parameter."""
     slide = [joint in prismatic for joint in finding.joints]
     kinds = {"prismatic": any(slide), "turning": not all(slide) or not slide}
     values = finding.parameters.items()
     per_joint = {key: value for key, value in values if not isinstance(value, Estimate)}
-    if len(finding.joints) > 1 and len(per_joint) == len(finding.parameters):
+    places, kind = (finding.joints, "joint") if finding.joints else (finding.links, "link")
+    if len(places) > 1 and len(per_joint) == len(finding.parameters):
         head = "".join(f"<th>{escape(words.parameter(finding.name, key, **kinds))}</th>" for key in per_joint)
         rows = "".join(
-            f"<tr><td>{escape(joint)}</td>"
-            + "".join(f"<td>{_estimate(value[joint]) if joint in value else ''}</td>" for value in per_joint.values())
+            f"<tr><td>{escape(place)}</td>"
+            + "".join(f"<td>{_estimate(value[place]) if place in value else ''}</td>" for value in per_joint.values())
             + "</tr>"
-            for joint in finding.joints
-            if any(joint in value for value in per_joint.values())
+            for place in places
+            if any(place in value for value in per_joint.values())
         )
-        return f"<table><tr><th>joint</th>{head}</tr>{rows}</table>"
+        return f"<table><tr><th>{kind}</th>{head}</tr>{rows}</table>"
     rows = ""
     for key, value in values:
         each = [("", value)] if isinstance(value, Estimate) else list(value.items())
@@ -110,7 +134,7 @@ def _parameters(finding: Finding, prismatic: frozenset[str]) -> str:
             place = f"<td>{escape(joint)}</td>" if per_joint else ""
             said = escape(words.parameter(finding.name, key, **kinds))
             rows += f"<tr><td>{said}</td>{place}<td>{_estimate(estimate)}</td></tr>"
-    joint = "<th>joint</th>" if per_joint else ""
+    joint = f"<th>{kind}</th>" if per_joint else ""
     return f"<table><tr><th>parameter</th>{joint}<th>value ± standard error</th></tr>{rows}</table>"
 
 
@@ -143,11 +167,11 @@ def where(subject: Subject) -> str:
     places = [place for place in subject.verdict.where if place.share > 0.005][:8]
     if not places:
         return ""
-    several = len(subject.shown.fit) > 1
+    files = subject.files
     rows = "".join(
         f"<tr><td>{escape(place.joint)}</td><td>{charts.share_bar(place.share)} {words.percent(place.share)}</td>"
         f"<td>{escape(place.condition)}</td><td>{place.time[0]:.2f} to {place.time[1]:.2f} s"
-        f"{f' of log {place.log + 1}' if several else ''}</td></tr>"
+        f"{f' of log {files[place.log] + 1}' if max(files) else ''}</td></tr>"
         for place in places
     )
     return (

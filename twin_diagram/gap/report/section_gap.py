@@ -33,7 +33,7 @@ def sizes(subject: Subject) -> str:
             charts.bars(shown.joints, before, after, shown.noise_floor, efforts, changed),
         ),
         (
-            f"Residual {effort(shown)}, fitted run{'s' if len(shown.fit) > 1 else ''}",
+            f"Residual {effort(shown)}, fitted run{'s' if max(subject.files) else ''}",
             charts.bars(shown.joints, fit_before, fit_after, shown.noise_floor, efforts, changed),
         ),
     ]
@@ -60,7 +60,8 @@ def sizes(subject: Subject) -> str:
     legend += '<i class="after"></i>corrected model' if changed else ""
     legend += '<i class="dash"></i>noise: no model can do better'
     head = "How much the gap shrank" if changed else "How large the gap is"
-    head = "What is left is noise" if subject.verdict.verdict == "none" else head
+    if subject.verdict.verdict == "none":
+        head = "What is left is noise" if subject.verdict.recorded is None else "What is left, as it was before"
     return (
         f'<section id="gap"><h2>{head}</h2><p class="lead">Root mean square of measured less predicted '
         f"{effort(shown)}, below 10 Hz, joint by joint; each joint has its own scale. What counts is the run that was "

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from twin_diagram.gap.experiments.trajectories import Experiment
 from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.report.comparison import Shown
+from twin_diagram.gap.report.gap_json import of_files
 from twin_diagram.model.model import Model
 
 
@@ -37,6 +38,11 @@ class Subject:
     seconds: float = 0.0
     version: str = ""
     title: str = "Gap report"
+
+    @property
+    def files(self) -> list[int]:
+        """Of each fitted run, which of the given files it is of."""
+        return of_files(self.shown)
 
     @property
     def changed(self) -> bool:

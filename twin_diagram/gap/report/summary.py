@@ -51,7 +51,8 @@ def summary(verdict: Verdict) -> str:
     parts += [f"{_listed(words)} {on}" for on, words in alike.items()]
     if len(sure) < len(verdict.findings):
         parts.append("something more that can be guessed at only")
-    parts.append("structure left that has no name" if verdict.remainder else "little left")
+    little = "little left" if verdict.recorded is None else "no more left than when the model was corrected"
+    parts.append("structure left that has no name" if verdict.remainder else little)
     return "; ".join(parts)
 
 
@@ -76,7 +77,10 @@ def _unusual(finding: Finding, count: int) -> str:
     if isinstance(first, dict) and len(first) == 1:
         first = next(iter(first.values()))
     if isinstance(first, Estimate) and not isinstance(first.value, list):
-        words = f"{words} {with_error(first)}"
+        # Of a tilt, one angle alone would say nothing.
+        alike = {k: x for k, x in finding.parameters.items() if isinstance(x, Estimate) and x.unit == first.unit}
+        each = ", ".join(f"{key} {with_error(value)}" for key, value in alike.items())
+        words = f"{words} ({each})" if len(alike) > 1 else f"{words} {with_error(first)}"
     return f"{words} {_on(set(finding.joints), 'joint', count)}" if finding.joints else words
 
 

@@ -70,6 +70,8 @@ def claim(name: str, joints: Sequence[str], links: Sequence[str]) -> str:
 
 def headline(verdict: Verdict) -> str:
     """Return the verdict in one sentence."""
+    if verdict.verdict == "none" and verdict.recorded is not None:
+        return "Nothing new is missing: these runs leave no more than was left when this model was corrected."
     if verdict.verdict == "none":
         return "The model explains these runs. Nothing is missing that they could show."
     if verdict.verdict == "unknown":

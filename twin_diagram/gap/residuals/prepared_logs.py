@@ -8,7 +8,7 @@ them at the log's own rate, non-linear ones too, and only then low-passed and th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -185,6 +185,10 @@ class Records:
         """Return a law's full-rate answers put end to end."""
         return np.concatenate([law(record) for record in self.records])
 
+    def angles(self, record: Record) -> Array:
+        """Return (N, n) a record's positions behind the encoder offsets that the given model knows of [rad]."""
+        return self.model.true_position(record.q)
+
     @cached_property
     def residual(self) -> Array:
         """(ΣD, n) logged less given torque [N·m]."""
@@ -232,7 +236,8 @@ def prepare(model: Model, logs: Sequence[Log]) -> Records:
     regular = [uniform(straightened(log)) for log in logs]
     rate = min(1.0 / log.period for log in regular)
     band = min(TUNING.band, 0.2 * rate, *(trusted_band(model, log) for log in regular))
-    return Records(model, tuple(_record(model, log, index, band) for index, log in enumerate(regular)))
+    kept = zip(regular, strides(regular, band), strict=True)
+    return Records(model, tuple(_record(model, log, index, band, every) for index, (log, every) in enumerate(kept)))
 
 
 def trusted_band(model: Model, log: Log) -> float:
@@ -249,7 +254,8 @@ def trusted_band(model: Model, log: Log) -> float:
         rough = np.diff(signal, 4, axis=0) / np.sqrt(70.0)  # of white noise, the same variance
         density.append(np.median(np.abs(rough), axis=0) / 0.6745)
     inertia = mean_inertia(model, log)
-    noisy = density[0] > 0.0
+    logged = np.ptp(log.motor_torque, axis=0) > 0.0  # a torque that never changes tells of no noise
+    noisy = logged & (density[0] > 0.0)
     if not np.any(noisy):
         return np.inf
     square = TUNING.noise_share * density[1][noisy] / (inertia[noisy] * density[0][noisy])
@@ -324,11 +330,31 @@ def round_stride(rate: float, stride: int) -> int:
     return every * max(1, stride // every)
 
 
-def _record(model: Model, log: Log, index: int, band: float) -> Record:
-    duration = usable(log)
-    rate = (len(log) - 1) / duration
+def strides(logs: Sequence[Log], band: float) -> list[int]:
+    """Return every how many samples of each log are kept: one noise's colour holds at one rate, so rates are alike.
+
+    Args:
+        logs: of regular times.
+        band: edge of the low-pass [Hz].
+
+    Raises:
+        LogError: one is too short, or without torque.
+    """
+    rates = [(len(log) - 1) / usable(log) for log in logs]
+    own = [round_stride(rate, max(1, int(rate / (TUNING.thin * band) + 1e-6))) for rate in rates]
+    fastest = max(rate / stride for rate, stride in zip(rates, own, strict=True))
+    return [round_stride(rate, max(1, round(rate / fastest))) for rate in rates]
+
+
+def slick(model: Model) -> Model:
+    """Return a model without dry friction, its description's own included."""
+    arm = replace(model.arm, stated=replace(model.arm.stated, friction={}))
+    return Model(model.plant, arm, [effect for effect in model.effects if not effect.dry])
+
+
+def _record(model: Model, log: Log, index: int, band: float, stride: int) -> Record:
+    rate = (len(log) - 1) / float(log.time[-1] - log.time[0])
     smooth = motion(log, TUNING.motion * band)
-    stride = round_stride(rate, max(1, int(rate / (TUNING.thin * band) + 1e-6)))
     kept = np.flatnonzero(inner(log.time, DIFFERENTIATION.residual_cut))[::stride]
     mark = fingerprint(log)
     model = model.for_run(mark)
@@ -337,8 +363,7 @@ def _record(model: Model, log: Log, index: int, band: float) -> Record:
     q, v, a = smooth.position, smooth.velocity, smooth.acceleration
     given = model.inverse_dynamics(q, v, a, time=log.time, seen=seen)
     if any(effect.dry for effect in model.effects):
-        slick = model.with_effects([effect for effect in model.effects if not effect.dry])
-        passed = slick.inverse_dynamics(q, v, a, time=log.time, seen=seen)
+        passed = slick(model).inverse_dynamics(q, v, a, time=log.time, seen=seen)
     else:
         passed = given
     return Record(

@@ -172,7 +172,7 @@ class Terms:
     def rigid(self, body: int) -> Array:
         """Return (ΣD, n, 10) torque per inertial parameter of a body, in its moving frame."""
         tree = self.records.model.tree
-        return self.records.reduce(lambda r: tree.regressor(r.q, r.v, r.a, body))
+        return self.records.reduce(lambda r: tree.regressor(self.records.angles(r), r.v, r.a, body))
 
     @cached_property
     def rigid_all(self) -> tuple[Array, ...]:
@@ -209,12 +209,12 @@ def levers(records: Records) -> Array:
 
 
 def present(records: Records) -> Present:
-    """Read off the given model what it has."""
+    """Read off the given model what it has; what ended in another run is over."""
     model = records.model
     n = records.n
     coulomb, stiffness, load = np.zeros(n), np.array(model.tree.stiffness, dtype=float), np.zeros(n)
     mass = 0.0
-    for effect in model.effects:
+    for effect in model.present:
         columns = [model.joints.index(joint) for joint in effect.joints]
         values = {key: parameter.value for key, parameter in effect.parameters.items()}
         if isinstance(effect, CoulombFriction):
@@ -237,7 +237,7 @@ def present(records: Records) -> Present:
         stiffness=stiffness,
         load=load,
         mass=mass,
-        names=frozenset(effect.name for effect in model.effects),
+        names=frozenset(effect.name for effect in model.present),
     )
 
 

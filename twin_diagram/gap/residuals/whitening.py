@@ -201,15 +201,6 @@ def restricted(
     return Whitener(filters, sigma, start.lengths)
 
 
-def effective_samples(whitener: Whitener) -> Array:
-    """Return (n,) how many independent samples of the same size would pin a constant as well as the coloured ones do.
-
-    The noise's mean density over that at frequency zero, which is all that a mean meets.
-    """
-    density = np.abs(np.fft.rfft(whitener.filters, 4096, axis=1)) ** -2.0
-    return np.asarray(sum(whitener.lengths) * np.trapezoid(density, dx=1.0 / 2048, axis=1) / density[:, 0])
-
-
 def noise_below(whitener: Whitener, rate: float, cutoff: float = DIFFERENTIATION.residual_cutoff) -> Array:
     """Return (n,) root mean square of coloured noise after the residual's low-pass [N·m].
 

@@ -188,7 +188,7 @@ class Proposer:
     def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
         """Return the best link and span of time of a constant wrench."""
         if self._forces is None:
-            self._forces = external_force.external_forces(self.terms)
+            self._forces = external_force.external_forces(self.terms) + external_force.forces_at_centres(self.terms)
             self._force_columns = [bench.whiten(candidate) for candidate in self._forces]
         edges = block_edges(bench.rows)
         pairs = spans()
@@ -200,7 +200,7 @@ class Proposer:
             dG, dC, db = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in (G, C, b))
             scores = _scores(dG, dC, db, candidate.spread, projected)
             best = int(np.argmax(scores))
-            score = float(scores[best]) - 2.0 * np.log(TUNING.blocks)
+            score = float(scores[best]) - 2.0 * np.log(TUNING.blocks) - candidate.cost
             if score > PRIOR_COSTS.new_name + TUNING.worth:
                 found.append((score, index, int(pairs[best, 0]), int(pairs[best, 1])))
         made = []

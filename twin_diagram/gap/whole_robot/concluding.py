@@ -79,7 +79,8 @@ class WholeRobot:
 
     def closes(self) -> float:
         """Return the share of the residual torque that is gone on motion that fits have not seen, mean over joints."""
-        return float(np.mean(1.0 - np.minimum(self.left / np.maximum(self.before, 1e-12), 1.0)))
+        told = self.before > 0.0
+        return float(np.mean(1.0 - np.minimum(self.left[told] / self.before[told], 1.0))) if np.any(told) else 0.0
 
     def links(self) -> int:
         """Return how many links are named."""

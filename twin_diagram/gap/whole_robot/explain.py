@@ -31,8 +31,7 @@ from twin_diagram.gap.whole_robot.left_out import (
 )
 from twin_diagram.gap.whole_robot.loads import TUNING as LOADS
 from twin_diagram.gap.whole_robot.loads import loaded, needed
-from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
-from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, known_spreads, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
 from twin_diagram.gap.whole_robot.unusual import least, price, room_for, unusual
@@ -78,8 +77,8 @@ def explain(records: Records, *, known: bool = False, told: Array | None = None)
     """
     whole = begun(records, equations(records))
     if known:
-        spreads = PHYSICAL_FIT.known if told is None else PHYSICAL_FIT.beyond
-        whole = replace(whole, spread=max(spreads), spreads=spreads, told=told)
+        spreads = known_spreads(told)
+        whole = replace(whole, spread=max(spreads), spreads=spreads, told=told, known=True)
     bare, first = shaped(*settled(whole))
     whole, start = evident(bare, first)
     plain = best_of(whole, start, known)

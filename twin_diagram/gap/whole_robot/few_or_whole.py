@@ -84,8 +84,7 @@ def explained(
     bare = taking_over.unsearched(records)
     if known and taking_over.no_more_than_recorded(given, logs, whole, recorded):
         notes.append("what is left is what was left when this model was corrected")
-        none = replace(bare, verdict="none", noise_floor=np.maximum(bare.noise_floor, recorded))
-        return Explanation(none, given, None, whole)
+        return Explanation(replace(bare, verdict="none", recorded=recorded), given, None, whole)
     enough = taking_over.tells_of_change(whole, given, logs) if known else None
     coarse = in_coarse_steps(logs)  # which a search for a few names takes for effects
     if coarse:
@@ -93,7 +92,8 @@ def explained(
     suffices = coarse or (whole is not None and taking_over.suffices(whole, bare.noise_floor))
     if whole is not None and (suffices if enough is None else enough):
         notes += told_of_one_late(whole)
-        return Explanation(taking_over.as_named(records, bare, whole, recorded), whole.model, whole, whole)
+        left = recorded if known else None
+        return Explanation(taking_over.as_named(records, bare, whole, left), whole.model, whole, whole)
     try:
         named = name(given, logs, say, records)
     except np.linalg.LinAlgError:  # more that could explain the runs than samples to tell it by

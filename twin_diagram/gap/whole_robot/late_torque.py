@@ -68,8 +68,7 @@ def later(problem: RobotProblem, z: Array, candidate: Candidate) -> Candidate | 
     seconds = likeliest_shift(problem, z)
     if seconds <= (1.0 + UNUSUAL.edge) * float(candidate.lower[0]):
         return None
-    gains = costs_of(problem, z, 0.0) - costs_of(problem, z, seconds)
-    if np.sum(gains) - np.max(gains) < TUNING.others or np.max(gains_alone(problem, z)) > np.sum(gains):
+    if problem.n > 1 and _of_one(problem, z, seconds):
         return None
     moved = replace(problem, sums=shifted(problem.sums, seconds))
     fit, given = solve(moved, None, z), problem.sums.records.model
@@ -80,16 +79,24 @@ def later(problem: RobotProblem, z: Array, candidate: Candidate) -> Candidate | 
     return delay(terms_of(problem.sums, model), TIME_DELAY.longest_delay, seconds)
 
 
+def _of_one(problem: RobotProblem, z: Array, seconds: float) -> bool:
+    """Return whether a shift of all joints' torque makes logs likelier for one of several joints alone."""
+    gains = costs_of(problem, z, 0.0) - costs_of(problem, z, seconds)
+    return bool(np.sum(gains) - np.max(gains) < TUNING.others or np.max(gains_alone(problem, z)) > np.sum(gains))
+
+
 def one_late(problem: RobotProblem, z: Array) -> tuple[int, float] | None:
     """Return the joint whose logged torque alone acts later, and by how much [s]; None where none does, or more do.
 
-    The catalogue has no name for it: in its place stands what it is most like on that joint. What dry friction holds
-    is left out: it follows the last motion, and seems late.
+    The catalogue has no name for it, but where there is no other joint: in its place stands what it is most like there.
+    What dry friction holds is left out: it follows the last motion, and seems late.
 
     Args:
         problem: with all that was found, and its noise.
         z: (Z,) its fit.
     """
+    if problem.n == 1:
+        return None
     records = problem.sums.records
     terms = Terms(records, given_load(records), slow_speed(records))
     problem, z = without_held(problem, z, terms, np.flatnonzero(dry_levels(problem, z)).tolist())

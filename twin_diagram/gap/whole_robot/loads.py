@@ -14,8 +14,7 @@ import numpy as np
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.candidates.whole_arm import last_body
-from twin_diagram.gap.whole_robot.physical_fit import TUNING as PHYSICAL_FIT
-from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, known_spreads, solve, with_noise
 from twin_diagram.gap.whole_robot.unusual import believable, carried, offered, terms_of, with_candidate
 from twin_diagram.model.effects.actuation import TorqueConstant
 from twin_diagram.model.effects.inertia import Payload
@@ -128,8 +127,7 @@ def evidence(problem: RobotProblem, noise: RobotProblem) -> tuple[float, float]:
     every = replace(problem, links_free=problem.links.heavy, own_free=noise.own_free, gone=np.zeros_like(noise.gone))
     every = replace(every, variance=noise.variance, share=noise.share)
     best, z = (-np.inf, TUNING.usual), None
-    known = problem.spreads in (PHYSICAL_FIT.known, PHYSICAL_FIT.beyond)
-    for spread in problem.spreads if known else TUNING.spreads:
+    for spread in known_spreads(problem.told) if problem.known else TUNING.spreads:
         tried = replace(every, spread=spread)
         z = solve(tried, None, z)
         some = np.flatnonzero(tried.free)

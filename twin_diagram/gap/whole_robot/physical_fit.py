@@ -50,6 +50,11 @@ TUNING = Tuning()
 Chosen = npt.NDArray[np.bool_]
 
 
+def known_spreads(told: Array | None) -> tuple[float, ...]:
+    """Return the spreads of links that were found before, with some covariance, or one that is not known."""
+    return TUNING.known if told is None else TUNING.beyond
+
+
 @dataclass(frozen=True)
 class RobotProblem:
     """What is fitted.
@@ -67,6 +72,7 @@ class RobotProblem:
         gone: (n, 4) which of those that the description states are taken to be none at all.
         told: (10 n, 10 n) covariance that links' coordinates were found with before, which the spread comes on top of;
             None: they were not, or it is not known.
+        known: whether they were found before: they are then rather as they were.
         held: (Z,) coordinates at which what acts for a while is held; None: it is fitted like all else.
 
     Coordinates are Z = 14 n + E numbers: links' ten each, joints' own four each, the sums' further coefficients.
@@ -83,6 +89,7 @@ class RobotProblem:
     gone: Chosen
     spreads: tuple[float, ...] = TUNING.spreads
     told: Array | None = None
+    known: bool = False
     held: Array | None = None
 
     @property

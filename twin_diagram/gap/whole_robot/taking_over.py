@@ -79,27 +79,28 @@ def taken_over(
     return as_named(records, verdict, whole), whole.model, whole
 
 
-def as_named(records: Records, verdict: Verdict, whole: WholeRobot, recorded: Array | float = 0.0) -> Verdict:
+def as_named(records: Records, verdict: Verdict, whole: WholeRobot, recorded: Array | None = None) -> Verdict:
     """Return the verdict that names what was found of the robot as a whole.
 
     Args:
         records: of the fit.
         verdict: whose noise floor holds.
         whole: what was found.
-        recorded: (n,) what the given model is known to leave anyway [N·m].
+        recorded: (n,) what the given model is known to leave anyway [N·m]; None: nothing is known of it.
     """
-    floor = np.maximum(verdict.noise_floor, recorded)
+    floor = verdict.noise_floor if recorded is None else np.maximum(verdict.noise_floor, recorded)
     remainder = bool(np.any(whole.fitted > TUNING.above * floor))
     where = verdict.where or places(records, whole)
-    return replace(
-        verdict, verdict="named", remainder=remainder, findings=whole.findings, separation=whole.separation, where=where
-    )
+    named = replace(verdict, verdict="named", remainder=remainder, findings=whole.findings, recorded=recorded)
+    return replace(named, separation=whole.separation, where=where)
 
 
 def places(records: Records, whole: WholeRobot) -> tuple[Place, ...]:
     """Return where the given model's residual is, noise being what the robot as a whole leaves."""
     terms = Terms(records, given_load(records), slow_speed(records))
-    explained = records.reduce(lambda r: whole.model.inverse_dynamics(r.q, r.v, r.a, time=r.time) - r.given)
+    explained = records.reduce(
+        lambda r: whole.model.for_run(r.mark).inverse_dynamics(r.q, r.v, r.a, time=r.time) - r.given
+    )
     return locate(records, terms, whitening.estimate(records.residual - explained, records.lengths))
 
 
@@ -154,9 +155,12 @@ def is_noise(given: Model, logs: Sequence[Log], floor: Array) -> bool:
 
 def unsearched(records: Records) -> Verdict:
     """Return the verdict where nothing could be searched for: unknown, with the noise that torques themselves show."""
-    white = np.max([roughness(record.torque, 1.0 / record.rate) for record in records.records], axis=0)
-    share = min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / records.records[0].rate)
-    return Verdict("unknown", False, (), (), (), np.maximum(white * np.sqrt(share), 1e-9))
+    below = [
+        roughness(record.torque, 1.0 / record.rate)
+        * np.sqrt(min(1.0, 2.0 * DIFFERENTIATION.residual_cutoff / record.rate))
+        for record in records.records
+    ]
+    return Verdict("unknown", False, (), (), (), np.maximum(np.max(below, axis=0), 1e-9))
 
 
 def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: bool) -> bool:
@@ -176,7 +180,7 @@ def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: 
 
 def gained(whole: WholeRobot, logs: Sequence[Log], rival: Model) -> float:
     """Return the fall of the residual's logarithm, mean over joints, on motion that no fit of it has seen."""
-    unseen = np.log(whole.left / np.maximum(whole.fitted, 1e-12))
+    unseen = np.log(np.maximum(whole.left, 1e-12) / np.maximum(whole.fitted, 1e-12))
     return float(np.mean(size_of(rival, logs) - size_of(whole.model, logs) - unseen))
 
 

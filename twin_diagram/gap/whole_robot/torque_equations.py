@@ -44,6 +44,9 @@ class Tuning:
     folds: int = 5
     """Kinds of motion that are left out in turn."""
 
+    dead: float = 1e-9
+    """Share of itself by which a torque must change to be one: what is not logged, or a brake holds, tells nothing."""
+
 
 TUNING = Tuning()
 
@@ -87,7 +90,7 @@ class TorqueEquations:
         counts: (S, n) samples that count.
         fold: (S,) which kind of motion a stretch is of.
         columns: (N, n, K + 1) of the kept samples, for what is left in time.
-        weights: (N, n) 0 where dry friction may hold a joint, else 1.
+        weights: (N, n) 0 where dry friction may hold a joint, or its torque never changes in that log, else 1.
         gaps: (N,) whether a sample is the first of its log.
         seconds: that all logs last together.
         stretch: (N,) which stretch a sample is of.
@@ -170,7 +173,7 @@ class TorqueEquations:
         aside = replace(tree.bare(tree.inertia), gravity=change)
         resting = [np.zeros_like(record.q) for record in self.records.records]
         parts = zip(self.records.records, resting, strict=True)
-        weight = [_of_links(self.records, r, aside, still, still)[r.kept] for r, still in parts]
+        weight = [_of_links(self.records, r, aside, still, still) for r, still in parts]
         columns[:, :, : 10 * self.n] += np.concatenate(weight)
         return replace(self.with_columns(columns), tilt=tilt)
 
@@ -202,6 +205,7 @@ def equations(records: Records) -> TorqueEquations:
     Args:
         records: prepared with the given model.
     """
+    told = [np.ptp(r.torque, axis=0) > TUNING.dead * np.max(np.abs(r.torque), axis=0) for r in records.records]
     records = coarser(records)
     kept = [_thinned(records, record) for record in records.records]
     # Candidates' columns are reduced by the records, and must hold no more of a band than the residual does.
@@ -210,10 +214,8 @@ def equations(records: Records) -> TorqueEquations:
     ]
     records = replace(records, records=tuple(same))
     terms = Terms(records, given_load(records), slow_speed(records))
-    weights = stiction.sliding(records, terms, range(records.n))
-    columns = np.concatenate(
-        [_columns(records, r, sign)[r.kept] for r, sign in zip(records.records, terms.signs, strict=True)]
-    )
+    weights = stiction.sliding(records, terms, range(records.n)) * np.repeat(told, [len(k) for k in kept], axis=0)
+    columns = np.concatenate([_columns(records, r, sign) for r, sign in zip(records.records, terms.signs, strict=True)])
     motion = np.hstack(records.motion[:2])
     gaps = np.concatenate([np.arange(len(k)) == 0 for k in kept])
     seconds = sum(float(record.time[-1] - record.time[0]) for record in records.records)
@@ -248,22 +250,26 @@ def summed(columns: Array, weights: Array, stretch: npt.NDArray[np.int64]) -> Ar
 
 
 def _columns(records: Records, record: Record, sign: Array) -> Array:
-    """Return (N, n, K + 1) of a log at its full rate, low-passed as residuals are compared."""
+    """Return (D, n, K + 1) of a log's kept samples, low-passed as residuals are compared."""
     model, n = records.model, records.n
-    result = np.empty((len(record.time), n, 10 * n + len(OWN) + 1))
+    result = np.empty((len(record.kept), n, 10 * n + len(OWN) + 1))
     result[:, :, : 10 * n] = _of_links(records, record, model.tree, record.v, record.a)
     own = [record.v, sign, -np.ones_like(record.v), record.a]
     for k, signal in enumerate([*own, record.torque - record.given]):
-        result[:, :, 10 * n + k] = low_passed(signal, record)
+        result[:, :, 10 * n + k] = low_passed(signal, record)[record.kept]
     return result
 
 
 def _of_links(records: Records, record: Record, tree: rigid_tree.RigidTree, v: Array, a: Array) -> Array:
-    """Return (N, n, 10 n) torques per unit of links' parameters at a log's angles, with other motion and gravity."""
+    """Return (D, n, 10 n) torques per unit of links' parameters at a log's angles, with other motion and gravity.
+
+    Link by link: at the full rate, those of all links at once are ten times what a long log itself is.
+    """
     result = []
     for body in range(records.n):
         _, X_ML = records.model.bodies.body_of(tree.link[body])
-        result.append(low_passed(tree.regressor(record.q, v, a, body) @ rigid_tree.transform_inertia(X_ML), record))
+        moved = tree.regressor(records.angles(record), v, a, body) @ rigid_tree.transform_inertia(X_ML)
+        result.append(low_passed(moved, record)[record.kept])
     return np.concatenate(result, axis=2)
 
 
@@ -282,8 +288,9 @@ def _thinned(records: Records, record: Record) -> npt.NDArray[np.int64]:
     """Return which full-rate samples of a log are kept."""
     inside = np.arange(record.kept[0], record.kept[-1] + 1)
     band = min(DIFFERENTIATION.residual_cutoff, record.band)
-    whole = sum(r.kept[-1] - r.kept[0] for r in records.records)
-    stride = max(1, int(record.rate / (TUNING.thin * band)), int(np.ceil(whole / TUNING.samples)))
+    seconds = sum((r.kept[-1] - r.kept[0]) / r.rate for r in records.records)
+    most = int(np.ceil(record.rate * seconds / TUNING.samples - 1e-6))  # logs of any rate count by how long they last
+    stride = max(1, int(record.rate / (TUNING.thin * band)), most)
     return inside[::stride]
 
 

@@ -118,7 +118,7 @@ def terms_of(sums: TorqueEquations, model: Model) -> Terms:
     Not what is logged: its own size would explain any log.
     """
     records = sums.records
-    load = tuple(model.inverse_dynamics(r.q, r.v, r.a, time=r.time) for r in records.records)
+    load = tuple(model.for_run(r.mark).inverse_dynamics(r.q, r.v, r.a, time=r.time) for r in records.records)
     return Terms(records, load, slow_speed(records))
 
 

@@ -31,7 +31,7 @@ from pydrake.multibody.tree import (
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError, ScenarioError, expect
-from twin_diagram.model.description import foreign, impossible, parser_warnings, unparsed
+from twin_diagram.model.description import foreign, held_joints, impossible, joint_tree, parser_warnings, unparsed
 from twin_diagram.scenario import resources
 from twin_diagram.scenario.poses import pose
 
@@ -183,7 +183,8 @@ def add_arm(
     """Parse an arm into a plant that is not finalized, and weld its base at X_WB where it is free.
 
     A description without any motor (most URDFs carry no transmissions) gets one on each joint that is named, or, where
-    none is named, on each revolute joint; joints that are named get the motor they lack.
+    none is named, on each revolute joint; joints that are named get the motor they lack. Where joints are named, those
+    that move without them are held where the description starts them: a second arm, wheels, a head.
 
     Raises:
         ModelError: unreadable description, no joint to drive, a name that is not in the model (the message lists those
@@ -192,12 +193,19 @@ def add_arm(
     spec = resolve(spec, packages, base_dir)
     instances = _parsed(plant, spec, packages)
     every = _joints(plant, instances)
+    joint_tree.refuse_loops(spec.model, every)
     # Before Finalize the plant does not list actuators by model instance.
     actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
     motors = {
         int(actuator.joint().index()): actuator for actuator in actuators if actuator.model_instance() in instances
     }
-    arm_joints, gripper_joints = _choose(spec, every, motors)
+    following = unparsed.following(Path(spec.model))
+    arm_joints, gripper_joints = _choose(spec, every, motors, following)
+    if spec.joints:
+        driven = {int(joint.index()) for joint in gripper_joints}
+        still = [joint for joint in held_joints.beside(arm_joints, every) if int(joint.index()) not in driven]
+        if held_joints.hold(plant, still, following):
+            every = _joints(plant, instances)
     efforts, rotors = unparsed.effort_limits(Path(spec.model)), unparsed.armatures(Path(spec.model))
     for joint in [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])]:
         if int(joint.index()) not in motors:
@@ -258,11 +266,13 @@ def _joints(plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex]) -> l
 
 
 def _choose(
-    spec: scenario.ArmModel, every: Sequence[Joint], motors: Mapping[int, JointActuator]
+    spec: scenario.ArmModel,
+    every: Sequence[Joint],
+    motors: Mapping[int, JointActuator],
+    following: Mapping[str, unparsed.Following],
 ) -> tuple[list[Joint], list[Joint]]:
     """Return the arm's joints and the gripper's, named or by rule, of `every` joint, also those that are fixed."""
     movable = [joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
-    following = unparsed.mimicking(Path(spec.model))
     driven = [joint for joint in movable if (int(joint.index()) in motors if motors else joint.name() not in following)]
     fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and _is_finger(joint, movable)]
     held = {int(joint.index()) for joint in fingers}
@@ -273,43 +283,33 @@ def _choose(
     if spec.gripper_joints:
         gripper = _by_name(spec.gripper_joints, movable, "gripper_joints")
     else:
-        gripper = [joint for joint in driven if isinstance(joint, PrismaticJoint)]
+        beside = {int(joint.index()) for joint in held_joints.beside(arm, every)} if spec.joints else set()
+        gripper = [j for j in driven if isinstance(j, PrismaticJoint) and int(j.index()) not in beside]
     in_arm = {int(joint.index()) for joint in arm}
     _refuse_carried(spec, arm, every, following)
     return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]
 
 
 def _refuse_carried(
-    spec: scenario.ArmModel, arm: Sequence[Joint], every: Sequence[Joint], leaders: Mapping[str, str]
+    spec: scenario.ArmModel, arm: Sequence[Joint], every: Sequence[Joint], following: Mapping[str, unparsed.Following]
 ) -> None:
     """Raise ModelError where a joint that follows one of the arm's carries another: it would be held where it is."""
-    to_child = {int(joint.child_body().index()): joint for joint in every}
+    above = joint_tree.carriers(every)
     own = {joint.name() for joint in arm}
     for joint in arm:
-        above: Joint | None = joint
-        while above is not None:
-            name = above.name()
-            if name not in own and leaders.get(name) in own:
+        for name in (each.name() for each in above(joint)):
+            if name not in own and name in following and following[name].leader in own:
                 raise ModelError(
-                    f"{spec.model}: joint {name!r} follows {leaders[name]!r} and carries {joint.name()!r}; such an arm "
-                    "is not modelled, unless `joints` names it as one that is driven"
+                    f"{spec.model}: joint {name!r} follows {following[name].leader!r} and carries {joint.name()!r}; "
+                    "such an arm is not modelled, unless `joints` names it as one that is driven"
                 )
-            above = to_child.get(int(above.parent_body().index()))
 
 
 def _from_the_base(joints: list[Joint], every: Sequence[Joint]) -> list[Joint]:
     """Return joints from the base on where they are one chain, however the file lists them, else as they are."""
-    to_child = {int(joint.child_body().index()): joint for joint in every}
+    above = joint_tree.carriers(every)
     wanted = {int(joint.index()) for joint in joints}
-
-    def above(joint: Joint) -> list[int]:
-        result: list[int] = []
-        while int(joint.parent_body().index()) in to_child:
-            joint = to_child[int(joint.parent_body().index())]
-            result += [int(joint.index())] if int(joint.index()) in wanted else []
-        return result
-
-    depths = [len(above(joint)) for joint in joints]
+    depths = [sum(int(each.index()) in wanted for each in above(joint)) for joint in joints]
     if sorted(depths) != list(range(len(joints))):
         return joints
     return [joints[k] for k in np.argsort(depths)]

@@ -48,6 +48,8 @@ _ACTUATOR = re.compile(rb"""(<actuator\b[^>]*?\bname\s*=\s*["'])([^"']+)""")
 """What stands before a motor's name, and the name."""
 _MATERIAL = re.compile(rb"""(<material\b[^>]*?\bname\s*=\s*["'])([^"']*)(["'][^>]*(?<!/)>.*?</material>)""", re.DOTALL)
 """Of a URDF: what stands before the name of a material, the name, and what the material is."""
+_BARE_MATERIAL = re.compile(rb"""<material\b[^>]*?\bname\s*=\s*["']([^"']*)["'][^>]*(?:/>|>\s*</material>)""")
+"""Of a URDF: the name of a material that is said elsewhere."""
 _FIXED = re.compile(rb"""<joint\b[^>]*\btype\s*=\s*["']fixed["'][^>]*(?<!/)>.*?</joint>""", re.DOTALL)
 """Of a URDF: a fixed joint."""
 _MIMIC = re.compile(rb"<mimic\b[^>]*/>")
@@ -168,6 +170,8 @@ def _urdf(text: bytes) -> bytes:
         return match[1] + name
 
     def own_paint(match: re.Match[bytes]) -> bytes:
+        if _BARE_MATERIAL.fullmatch(match[0]):
+            return match[0]
         paint = b"".join(match[3][1:].split())
         name = next(each for each in _names(match[2]) if paints.get(each, paint) == paint)
         paints[name] = paint
@@ -180,6 +184,7 @@ def _urdf(text: bytes) -> bytes:
         return _ACTUATOR.sub(own_motor, match[0]) if known else b"\n" * match[0].count(b"\n")
 
     text = _TRANSMISSION.sub(own_motors, _MATERIAL.sub(own_paint, text))
+    text = _BARE_MATERIAL.sub(lambda match: match[0] if match[1] in paints else b"", text)
     text = _ROBOT.sub(b'<robot name="robot"', text, count=1)
     return _FIXED.sub(lambda joint: _MIMIC.sub(b"", joint[0]), text)
 

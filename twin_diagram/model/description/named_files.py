@@ -28,7 +28,8 @@ def anchored(text: bytes, description: Path, prefix: bytes = b"") -> bytes:
 
     def file(match: re.Match[bytes]) -> bytes:
         path = description.parent / os.fsdecode(match[2])
-        relative = b"://" not in match[2] and path.is_file()
+        # What is not there is named, too, where it is read: Drake says of a bare path that a string has no folder.
+        relative = b"://" not in match[2] and (path.is_file() or bool(prefix))
         return match[1] + prefix + os.fsencode(path.resolve()) if relative else match[0]
 
     def folder(match: re.Match[bytes]) -> bytes:

@@ -75,12 +75,34 @@ def armatures(path: Path) -> dict[str, float]:
         raise ModelError(f"{path}: joint: {error}") from error
 
 
-def mimicking(path: Path) -> dict[str, str]:
-    """Return the names of a URDF's joints that follow another one, and so have no motor, and of those that lead."""
+@dataclass(frozen=True)
+class Following:
+    """How a joint follows another one, and so has no motor: `multiplier` times the leader's position, and `offset`."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+def following(path: Path) -> dict[str, Following]:
+    """Return the joints of a URDF that follow another one, by name; fixed ones do not.
+
+    Raises:
+        ModelError: a number that cannot be read.
+    """
     if path.suffix.lower() != ".urdf":
         return {}
-    each = [(joint.get("name", ""), joint.find("mimic")) for joint in _root(path).iter("joint")]
-    return {name: mimic.get("joint", "") for name, mimic in each if mimic is not None}
+    found = {}
+    for joint in _root(path).iter("joint"):
+        mimic = joint.find("mimic")
+        if mimic is None or joint.get("type") == "fixed":
+            continue
+        try:
+            numbers = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+        except ValueError as error:
+            raise ModelError(f"{path}: mimic of joint {joint.get('name', '')!r}: {error}") from error
+        found[joint.get("name", "")] = Following(mimic.get("joint", ""), *numbers)
+    return found
 
 
 def effort_limits(path: Path) -> dict[str, float]:

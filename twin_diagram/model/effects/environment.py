@@ -48,11 +48,12 @@ class GravityTilt(Effect):
 
 @register
 class ExternalForce(Effect):
-    """Something pushes at a link: a wrench at the link's origin, in world axes."""
+    """Something pushes at a link: a wrench in world axes at a point of the link, its origin unless another is told."""
 
     name: ClassVar[str] = "external_force"
     kinds: ClassVar[Mapping[str, ParameterKind]] = {
         "wrench": ParameterKind("N, N·m", size=6, help="force (3), then moment (3)", prismatic_unit="N, N·m"),
+        "point": ParameterKind("m", size=3, default=0.0, help="where it acts, in the link's frame", prismatic_unit="m"),
     }
     per_joint: ClassVar[bool] = False
 
@@ -66,4 +67,5 @@ class ExternalForce(Effect):
         del v, a, tau
         body, X_ML = bodies.body_of(self.links[0])
         force, moment = np.split(self.value("wrench"), 2)
-        return -bodies.tree.pushed(q, body, np.asarray(X_ML.translation()), force, moment)
+        place = np.asarray(X_ML.multiply(self.value("point"))).ravel()
+        return -bodies.tree.pushed(q, body, place, force, moment)

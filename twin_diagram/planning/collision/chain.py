@@ -98,7 +98,7 @@ class Chain:
             if depth[int(joint.child_body().index())] != k + 1 or depth[int(joint.parent_body().index())] != k:
                 raise ModelError(
                     f"joint {name!r} does not follow the joint before it: the arm must be a serial chain; "
-                    "name the joints of one, from its base, in the scenario (twin.arm.joints, world.arm.joints)"
+                    "name those of one, from its base (--joints; twin.arm.joints and world.arm.joints of a scenario)"
                 )
             X_WF = joint.frame_on_parent().CalcPoseInWorld(context).GetAsMatrix4()
             X_WL = plant.EvalBodyPoseInWorld(context, joint.child_body()).GetAsMatrix4()

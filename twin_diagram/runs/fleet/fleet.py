@@ -26,6 +26,9 @@ class Tuning:
     patience: float = 0.05
     """Between two attempts at ending what runs [s]; a stopped command closes within 2 s."""
 
+    longest: float = 1e6
+    """A robot is never given more [s], be it asked for `inf`: what waits for a process knows no more than 24 days."""
+
 
 TUNING = Tuning()
 
@@ -63,7 +66,7 @@ def run_fleet(
         raise TwinError(f"--jobs {jobs}: at least one robot at a time")
     if not timeout > 0.0:
         raise TwinError(f"--timeout {timeout:g}: it is positive [s]")
-    robots = out.resolve() / ROBOTS
+    timeout, robots = min(timeout, TUNING.longest), out.resolve() / ROBOTS
     lines = {visit: line for visit in visits if (line := known(visit, robots, options))}
     asked = [visit for visit in visits if visit not in lines]
     out.mkdir(parents=True, exist_ok=True)

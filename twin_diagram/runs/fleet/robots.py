@@ -13,8 +13,7 @@ from twin_diagram.errors import TwinError
 COLUMNS = ("robot", "date", "model", "fit", "holdout")
 """Of the table; what else stands in it is left alone."""
 
-
-READ = ("--columns", "--import")
+READ = ("--columns", "--import", "--torque-constants")
 """Options of `gap` that may name a file."""
 
 
@@ -53,6 +52,7 @@ class Visit:
         """
         told = [_of_option(name, value) for name, value in zip(("", *options), options, strict=False)]
         for path in (self.model, *self.fit, self.holdout):
+            path = path if path.exists() else Path(str(path).partition("#")[0])  # a stream of a bag: the bag itself
             files = sorted(path.rglob("*")) if path.is_dir() else [path]
             for file in files:
                 stat = file.stat() if file.is_file() else None
@@ -71,28 +71,34 @@ def read_fleet(path: Path) -> list[Visit]:
     """Return the visits of a table, in its order; relative paths are relative to it.
 
     Raises:
-        TwinError: no such file, a column that lacks, an empty field, or one robot twice on one day.
+        TwinError: no such file, a column that lacks, an empty field, a cell too many, or one robot twice on one day.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             table = csv.DictReader(file)
-            rows, columns = list(table), table.fieldnames or ()
+            # Spreadsheets write lines of nothing but commas below a table.
+            rows = [(table.line_num, row) for row in table if any("".join(x or ()).strip() for x in row.values())]
+            columns = table.fieldnames or ()
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise TwinError(f"--fleet {path}: cannot be read: {error}") from error
-    visits: dict[tuple[str, str], Visit] = {}
     if not rows:
         raise TwinError(f"--fleet {path}: holds no robot; its columns are {','.join(COLUMNS)}")
     if lacking := [column for column in COLUMNS if column not in columns]:
         raise TwinError(
             f"--fleet {path}: line 1: no column {', '.join(lacking)}; with commas between they are {','.join(COLUMNS)}"
         )
-    for number, row in enumerate(rows, 2):
+    visits: dict[tuple[str, str], Visit] = {}
+    for number, row in rows:
+        where = f"--fleet {path}: line {number}"
         fields = {column: (row.get(column) or "").strip() for column in COLUMNS}
+        fit = tuple(path.parent / each.strip() for each in fields["fit"].split(";") if each.strip())
+        fields["fit"] = fields["fit"] if fit else ""
         if empty := [column for column, value in fields.items() if not value]:
-            raise TwinError(f"--fleet {path}: line {number}: nothing in {', '.join(empty)}")
+            raise TwinError(f"{where}: nothing in {', '.join(empty)}")
+        if any(cell.strip() for cell in row.get(None, ())):
+            raise TwinError(f"{where}: more cells than columns; fit logs stand in one, with ; between")
         key = fields["robot"], fields["date"]
         if key in visits:
-            raise TwinError(f"--fleet {path}: line {number}: {key[0]} on {key[1]} stands there twice")
-        fit = tuple(path.parent / each.strip() for each in fields["fit"].split(";") if each.strip())
+            raise TwinError(f"{where}: {key[0]} on {key[1]} stands there twice")
         visits[key] = Visit(*key, path.parent / fields["model"], fit, path.parent / fields["holdout"])
     return list(visits.values())

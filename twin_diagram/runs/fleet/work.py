@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from twin_diagram.runs.fleet.robots import Visit
 from twin_diagram.runtime import atomic_file
-from twin_diagram.runtime.child_process import environment
+from twin_diagram.runtime.child_process import environment, why_it_failed
 
 LINE_FILE = "fleet_line.json"
 """In a visit's folder: what the fleet's table says of it, and what it was made of."""
@@ -85,8 +85,11 @@ def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> V
     except subprocess.TimeoutExpired:
         line = VisitResult(visit.robot, visit.date, "timeout", headline=f"stopped after {timeout:g} s")
     else:
-        line = _read(visit, folder, said) if status == 0 else VisitResult(visit.robot, visit.date, "failed")
-        line.headline = line.headline or complaint
+        if status == 0:
+            line = _read(visit, folder, said)
+        else:
+            why = why_it_failed("gap", status, complaint)
+            line = VisitResult(visit.robot, visit.date, "failed", headline=why)
     line.seconds, line.mark = round(time.perf_counter() - begin, 2), mark
     atomic_file.write(folder / LINE_FILE, json.dumps(asdict(line), ensure_ascii=False, indent=1) + "\n")
     return line

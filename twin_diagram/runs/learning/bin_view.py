@@ -282,11 +282,6 @@ def downward(grasps: Grasps) -> Array:
     return np.asarray(order[down[order] >= TUNING.steepest])
 
 
-def filled(mask: Array) -> Array:
-    """Return a mask with its holes closed."""
-    return np.asarray(ndimage.binary_fill_holes(mask))
-
-
 def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:
     """Write a picture with a box about a thing and a line of text: what a report shows."""
     image = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR)

@@ -175,11 +175,6 @@ class Cell:
         return self._read(ports.POSITION_MEASURED)
 
     @property
-    def torque(self) -> Array:
-        """(n,) as measured [N·m]."""
-        return self._read(ports.TORQUE_MEASURED)
-
-    @property
     def widest(self) -> float:
         """Greatest travel of the fingers from each other [m]."""
         return self._fingers.widest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,15 +41,7 @@ def write_learned(
         own = from_shape_alone(solid_of(weld(corners)), FROM_MESH.density)
     else:
         found = measured.turned(R_WS)
-        own = MeasuredInertia(
-            found.mass,
-            found.centre - middle,
-            found.inertia,
-            found.mass_std,
-            found.centre_std,
-            found.inertia_std,
-            found.by,
-        )
+        own = replace(found, centre=found.centre - middle)
     told = AssetPlace(name, library, replace_it=True, measured=own)
     notes = [f"{100 * shape.unseen:.0f} % of the surface was never seen"]
     built = build_from_triangles(corners, shape.uv, shape.texture, told, name, unseen=shape.unseen, notes=notes)

@@ -353,8 +353,7 @@ class Learner:
     @contextmanager
     def _stage(self, name: str, stage: str) -> Iterator[dict[str, Any]]:
         """Tell of a stage: a line on the terminal, and one among the events when it is over."""
-        cell, wall = self.tools.cell, time.monotonic()
-        sim = cell.time
+        cell, wall, sim = self.tools.cell, time.monotonic(), self.tools.cell.time
         self._say(f"{name}: {stage} · {sim:.0f} s simulated · about {self.remaining():.0f} s remain")
         told: dict[str, Any] = {"outcome": "done"}
         try:
@@ -364,6 +363,7 @@ class Learner:
             raise
         except Stopped:
             told["outcome"] = "stopped"
+            self._jobs.close()  # no asset is written now: that takes seconds, which are the arm's
             raise
         finally:
             took = {"sim": round(cell.time - sim, 3), "took": round(time.monotonic() - wall, 2)}

@@ -173,10 +173,11 @@ class LearningRecord:
             raise LearningError(f"--out {self.folder}: {why}")
         if (self.folder / STATE).exists():
             raise LearningError(f"--out {self.folder}: there is a run in it; --resume goes on with it")
-        foreign = [name for name in (EVENTS, SCENARIO) if (self.folder / name).exists()]
-        if foreign == [EVENTS]:
-            # Of a run that was killed before its first state both are there.
-            raise LearningError(f"--out {self.folder}: its {EVENTS} is of something else; give another --out")
+        # Of a run that was killed before its first state events and scenario are there; no arm was swung by then.
+        begun = (self.folder / SCENARIO).exists()
+        for name in (SWUNG,) if begun else (SWUNG, EVENTS):
+            if (self.folder / name).exists():
+                raise LearningError(f"--out {self.folder}: its {name} is of something else; give another --out")
         self._check_room()
 
     def check_kept(self) -> None:

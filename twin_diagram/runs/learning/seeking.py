@@ -55,7 +55,6 @@ class Sought:
 
 def seek(tools: Tools, standing: Sequence[PutDown]) -> tuple[Sought, Picture]:
     """Look for something on the platform and before it, take it, and put it away beside what stands there."""
-    picture = steady_picture(tools.cell, tools.learning.scan_camera)
     thing, why = None, ""
     for attempt in range(tools.learning.tries):
         picture = steady_picture(tools.cell, tools.learning.scan_camera)
@@ -73,7 +72,10 @@ def seek(tools: Tools, standing: Sequence[PutDown]) -> tuple[Sought, Picture]:
             go_home(tools)
         except NoWay as error:
             why = str(error)
-            let_go(tools)
+            fell = let_go(tools)
+            tools.mover.stand(PLATFORM, [], 0.0)
+            if fell is not None:
+                return Sought(f"it was let fall into the other bin: {why}", thing, fell), picture
     tools.mover.stand(PLATFORM, [], 0.0)
     return Sought(f"it lies outside of the bins: {why}", thing), picture
 

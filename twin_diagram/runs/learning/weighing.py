@@ -42,9 +42,6 @@ class Tuning:
     places: tuple[tuple[float, float, float], ...] = ((0.45, 0.0, 0.55), (0.5, 0.0, 0.5), (0.4, 0.0, 0.6))
     """Of the finger tips about which it is swung [m]: high over everything."""
 
-    guess: float = 0.5
-    """Mass that it is taken to have before the first weighing [kg]."""
-
     heaviest: float = 2.5
     """What the first weighing may say at most [kg]."""
 
@@ -259,13 +256,20 @@ def swing_empty(model: Model, mover: Mover, cell: Cell, motion: Excitation, open
     """
     cell.grip(opening / cell.widest)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
-    swung = Swung(swing(cell, motion, model.joints, "empty"), cell.fingers, np.eye(4))
+    swung = Swung(swing(cell, motion, model.joints, "empty", held=False), cell.fingers, np.eye(4))
     cell.grip(1.0)
     return swung
 
 
-def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str) -> Log:
+def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str, *, held: bool = True) -> Log:
     """Go along a motion and return the arm's messages on the way.
+
+    Args:
+        cell: whose arm goes.
+        motion: along which.
+        joints: names of the arm's.
+        source: what the log is called.
+        held: whether the fingers hold something, which may turn between them.
 
     Raises:
         Slipping: the fingers come nearer to each other, or are pushed apart: what they hold turns. The arm is at rest.
@@ -275,14 +279,14 @@ def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str) 
     q = motion.at(times)[0]
     opening = cell.opening
 
-    def held(now: float) -> None:
-        if abs(cell.opening - opening) > TUNING.turning:
+    def watch(now: float) -> None:
+        if held and abs(cell.opening - opening) > TUNING.turning:
             raise Slipping("it turns between the fingers when it is swung; grip elsewhere")
 
     with cell.recording() as messages:
         cell.wait(TUNING.rest)
         try:
-            cell.follow(times, q, held)
+            cell.follow(times, q, watch)
         except Slipping:
             cell.brake()
             raise

@@ -62,7 +62,7 @@ class Push(LeafSystem):
             force.body_index = plant.GetBodyByName(effect.links[0], instance).index()
             wrench: Any = effect.value("wrench")
             force.F_Bq_W = SpatialForce(tau=wrench[3:], f=wrench[:3])
-            force.p_BoBq_B = np.zeros(3)
+            force.p_BoBq_B = cast(Any, effect.value("point"))
             self._pushes.append((effect, force))
         self._borne = [effect for effect in effects if isinstance(effect, Payload) and _comes_or_goes(effect)]
         self._carriers = [carrying_body(plant, arm, effect) for effect in self._borne]

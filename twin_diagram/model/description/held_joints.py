@@ -1,0 +1,80 @@
+"""Welds the joints of a robot that are not of the arm which is named: a second arm, a mobile base, a head."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint, WeldJoint
+
+from twin_diagram.model.description import joint_tree
+from twin_diagram.model.description.unparsed import Following
+
+
+def beside(arm: Sequence[Joint], every: Sequence[Joint]) -> list[Joint]:
+    """Return the joints that move without the arm: what its joints carry, as fingers and wrists, is left out.
+
+    Args:
+        arm: its joints.
+        every: joints of the robot, also those that are fixed.
+    """
+    above = joint_tree.carriers(every)
+    own = {int(joint.index()) for joint in arm}
+    movable = [joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
+    return [one for one in movable if own.isdisjoint(int(each.index()) for each in (one, *above(one)))]
+
+
+def elsewhere(arm: Sequence[Joint], every: Sequence[Joint]) -> list[Joint]:
+    """Return those of `beside` that do not carry the arm either: on a fixed base the arm does not feel them."""
+    above = joint_tree.carriers(every)
+    carrying = {int(each.index()) for joint in arm for each in above(joint)}
+    return [joint for joint in beside(arm, every) if int(joint.index()) not in carrying]
+
+
+def hold(plant: MultibodyPlant, held: Sequence[Joint], following: Mapping[str, Following]) -> list[str]:
+    """Replace joints by welds at the positions that the description starts them at, within their limits.
+
+    A plant with constraints or springs gives no joint up. The constraints of joints that follow others are taken out
+    and put back; where there is more, all joints stay as they are.
+
+    Args:
+        plant: not yet finalized.
+        held: revolute and prismatic joints.
+        following: of each joint that follows another one, how.
+
+    Returns:
+        The names of those that were welded.
+    """
+    springs = plant.num_force_elements() > 1  # beside gravity; with them a plant gives no joint up
+    if not held or springs or plant.num_constraints() not in (0, len(following)):
+        return []
+    coupled = plant.num_constraints() > 0
+    for constraint in plant.GetConstraintIds() if coupled else ():
+        plant.RemoveConstraint(constraint)
+    gone = {int(joint.index()) for joint in held}
+    for actuator in map(plant.get_joint_actuator, list(plant.GetJointActuatorIndices())):
+        if int(actuator.joint().index()) in gone:
+            plant.RemoveJointActuator(actuator)
+    names = [joint.name() for joint in held]
+    for joint in held:
+        _weld(plant, joint)
+    if coupled:
+        left = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices()}
+        for name, how in following.items():
+            if name in left and how.leader in left:
+                plant.AddCouplerConstraint(left[name], left[how.leader], how.multiplier, how.offset)
+    return names
+
+
+def _weld(plant: MultibodyPlant, joint: Joint) -> None:
+    at = float(np.clip(joint.default_positions(), joint.position_lower_limits(), joint.position_upper_limits())[0])
+    if isinstance(joint, RevoluteJoint):
+        X_FM = RigidTransform(RotationMatrix(AngleAxis(at, joint.revolute_axis())), np.zeros(3))
+    else:
+        X_FM = RigidTransform(at * joint.translation_axis())
+    name, frames = joint.name(), (joint.frame_on_parent(), joint.frame_on_child())
+    plant.RemoveJoint(joint)
+    plant.AddJoint(WeldJoint(f"{name}_held", *frames, X_FM))

@@ -1,0 +1,57 @@
+"""Which joints of a description carry which; what is no tree is refused before anybody walks along it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from pydrake.multibody.tree import Joint
+
+from twin_diagram.errors import ModelError
+
+
+def carriers(every: Sequence[Joint]) -> Callable[[Joint], list[Joint]]:
+    """Return what answers the joints between one and the base, the nearest first.
+
+    Args:
+        every: joints of the robot, also those that are fixed; they form no loop.
+    """
+    to_child = {int(joint.child_body().index()): joint for joint in every}
+
+    def above(joint: Joint) -> list[Joint]:
+        found: list[Joint] = []
+        while int(joint.parent_body().index()) in to_child:
+            joint = to_child[int(joint.parent_body().index())]
+            found.append(joint)
+        return found
+
+    return above
+
+
+def refuse_loops(path: str, every: Sequence[Joint]) -> None:
+    """Raise ModelError where joints form a closed loop, as those of parallel linkages do.
+
+    Args:
+        path: of the description.
+        every: its joints, also those that are fixed.
+    """
+    to_child: dict[int, Joint] = {}
+    for joint in every:
+        other = to_child.setdefault(int(joint.child_body().index()), joint)
+        if other is not joint:
+            _refuse(path, f"{other.name()!r} and {joint.name()!r} both move link {joint.child_body().name()!r}")
+    rooted: set[int] = set()
+    for joint in every:
+        passed: list[int] = []
+        body = joint.child_body()
+        while int(body.index()) in to_child and int(body.index()) not in rooted:
+            if int(body.index()) in passed:
+                _refuse(path, f"link {body.name()!r} carries itself")
+            passed.append(int(body.index()))
+            body = to_child[int(body.index())].parent_body()
+        rooted.update(passed)
+
+
+def _refuse(path: str, what: str) -> None:
+    raise ModelError(
+        f"{path}: the joints form a closed loop: {what}; such a robot is not modelled: leave one joint out"
+    )
