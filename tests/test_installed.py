@@ -135,10 +135,11 @@ def test_other_interpreters(built: tuple[Path, Path], empty: Path, version: str)
     ran(command(python), "init", "--arm", "arms/ur5e.urdf", "--out", "arm.yaml", cwd=empty)
     told = ("--duration", 1.5, "--set", "twin.camera=null", "--log", "log.csv", "--out", "out")
     assert "speed" in ran(command(python), "run", "arm.yaml", *told, cwd=empty).stdout
-    ran(command(python), "predict", "--model", "arms/ur5e.urdf", "--log", "log.csv", "--out", "p.csv", cwd=empty)
+    gap_bench.arm(empty)
     fit, held = gap_bench.write_runs(empty, [gap_bench.dry(3.0)])
-    model = gap_bench.MODEL if hasattr(gap_bench, "MODEL") else "arms/ur5e.urdf"
-    ran(command(python), "gap", "--model", model, "--fit", fit, "--holdout", held, "--out", "gap", cwd=empty)
+    ran(command(python), "predict", "--model", "arm.urdf", "--log", fit, "--out", "p.csv", cwd=empty)
+    logs = ("--fit", fit, "--holdout", held)
+    assert "friction" in ran(command(python), "gap", "--model", "arm.urdf", *logs, "--out", "gap", cwd=empty).stdout
 
 
 # The slim installation.

@@ -11,6 +11,7 @@ import pytest
 from tests.gap import made
 from tests.gap.made import ARM, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.residuals.prepared_logs import Records
@@ -23,7 +24,7 @@ from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.loads import evidence, loaded, rise_with
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
-from twin_diagram.gap.whole_robot.pushes import TUNING, pushes
+from twin_diagram.gap.whole_robot.pushes import TUNING, _innermost, _Tried, pushes
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import offered, room_for, terms_of, unusual, weighed, with_candidate
 from twin_diagram.model.effects import Effect, make
@@ -256,6 +257,19 @@ def test_what_friction_does_at_a_crawl_is_no_push(monkeypatch: pytest.MonkeyPatc
     assert not pushes(whole, start, terms)
     monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.beside_rough_friction", lambda *_: np.inf)
     assert pushes(whole, start, terms)
+
+
+def test_a_push_whose_wrench_is_told_is_taken_for_one_that_would_have_no_name() -> None:
+    def push(score: float, *links: str, told: bool) -> _Tried:
+        made = Candidate("external_force", (), links, (0,), *[np.zeros(3)] * 4, lambda c, covariance: {})
+        return _Tried(made, score, 2, np.zeros(2), np.ones(2), np.ones(2), told)
+
+    vague, told = push(205.0, "upper_arm", told=False), push(200.0, "forearm", told=True)
+    assert _innermost([vague, told]) is told
+    assert _innermost([vague, push(150.0, "forearm", told=True)]) is vague
+    assert _innermost([push(204.0, "upper_arm", told=True), push(205.0, "forearm", told=True)]).candidate.links == (
+        "upper_arm",
+    )
 
 
 def test_what_links_that_are_off_or_drifting_friction_do_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,6 +44,15 @@ def test_a_push_is_held_against_none_along_its_own_direction() -> None:
     assert well_told([push(1.8, 1.6, 1.8)]) == () and lost_names([push(1.8, 1.6, 1.8)]) == {("external_force", "")}
 
 
+def test_a_tilt_is_told_by_either_angle() -> None:
+    def tilt(roll: float, pitch: float) -> Finding:
+        told = {"roll": Estimate(roll, 0.01, "rad"), "pitch": Estimate(pitch, 0.01, "rad")}
+        return Finding("gravity_tilt", (), (), dict(told), 1.0)
+
+    assert well_told([tilt(0.001, 0.05)]) and well_told([tilt(0.05, 0.001)])
+    assert well_told([tilt(-0.02, 0.001)]) == ()
+
+
 def test_what_has_no_size_stands() -> None:
     curve = {"a": Estimate([0.0, 1.0, 5.0, 6.0], [0.0, 0.0, 9.0, 9.0], "rad, N·m")}
     finding = Finding("joint_spring", ("a",), (), {"curve": curve}, 0.9)

@@ -147,6 +147,18 @@ def stuck(records: Records, terms: Terms, j: int) -> npt.NDArray[np.bool_]:
     return np.concatenate([_at_rest(record, record.v[:, j], slow)[record.kept] for record in records.records])
 
 
+def slides(records: Records) -> npt.NDArray[np.bool_]:
+    """Return (n,) whether a joint ever moves faster than one that is held may give way."""
+    fastest = np.max([np.max(np.abs(record.v), axis=0) for record in records.records], axis=0)
+    return np.asarray(fastest > REGRESSORS.rest * levers(records))
+
+
+def clear(records: Records, terms: Terms, j: int) -> Array:
+    """Return (ΣD,) 0 where a joint may be sticking, and where the filters spread that, else 1."""
+    slow = terms.resting(j)
+    return _away(records, [_at_rest(record, record.v[:, j], slow) for record in records.records])
+
+
 def reach(records: Records, terms: Terms, j: int) -> tuple[Array, Array]:
     """Return what friction that slides on one level, and holds at most as much, can be after the low-pass.
 

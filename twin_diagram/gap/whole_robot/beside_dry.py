@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.gap.findings import Finding
+from twin_diagram.gap.residuals.stiction import slides
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
@@ -51,7 +52,7 @@ def damped(problem: RobotProblem, z: Array) -> RobotProblem:
         z: (Z,) its fit.
     """
     left = problem.own_free[:, DRY] & ~problem.said[:, DAMPING] & ~problem.stated[:, DAMPING]
-    left &= own_part(problem, z)[:, DRY] > 0.0
+    left &= (own_part(problem, z)[:, DRY] > 0.0) & slides(problem.sums.records)
     if problem.sums.records.model.arm.link_side:  # what is left of friction behind the sensor is no drive's
         return problem
     before = LeftOut.of(problem, z).likelihood() if np.any(left) else np.zeros(problem.n)

@@ -12,6 +12,7 @@ from twin_diagram.gap.correction.merge_effects import merged
 from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.residuals.stiction import slides
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.beside_dry import damped, largest_share, told_beside_dry
 from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
@@ -192,8 +193,13 @@ def every_beside(problem: RobotProblem) -> RobotProblem:
 
 
 def own_terms(records: Records) -> Chosen:
-    """Return (n, 4) which of joints' own terms there may be: behind the gears no rotor shows."""
-    return np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1))
+    """Return (n, 4) which of joints' own terms there may be.
+
+    Behind the gears no rotor shows, and a joint that never slides, but gives way a little as it is held, no damping.
+    """
+    there = np.tile([not (records.model.arm.link_side and term == "rotor") for term in OWN], (records.n, 1))
+    there[:, OWN.index("viscous")] &= slides(records)
+    return there
 
 
 def corrected(given: Model, found: Sequence[Finding], marks: Sequence[str]) -> Model | None:

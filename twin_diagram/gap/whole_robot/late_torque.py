@@ -15,9 +15,11 @@ import numpy as np
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.time_delay import TUNING as TIME_DELAY
 from twin_diagram.gap.candidates.time_delay import delay
+from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.search.golden_section import least
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.concluding import corrected
+from twin_diagram.gap.whole_robot.held_joints import dry_levels, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import TorqueEquations, low_passed
 from twin_diagram.gap.whole_robot.unusual import TUNING as UNUSUAL
@@ -87,6 +89,7 @@ def one_late(problem: RobotProblem, z: Array) -> tuple[int, float] | None:
     """Return the joint whose logged torque alone acts later, and by how much [s]; None where none does, or more do.
 
     The catalogue has no name for it, but where there is no other joint: in its place stands what it is most like there.
+    What dry friction holds is left out: it follows the last motion, and seems late.
 
     Args:
         problem: with all that was found, and its noise.
@@ -94,6 +97,9 @@ def one_late(problem: RobotProblem, z: Array) -> tuple[int, float] | None:
     """
     if problem.n == 1:
         return None
+    records = problem.sums.records
+    terms = Terms(records, given_load(records), slow_speed(records))
+    problem, z = without_held(problem, z, terms, np.flatnonzero(dry_levels(problem, z)).tolist())
     gains = gains_alone(problem, z)
     best, joint = (int(k) for k in np.unravel_index(int(np.argmax(gains)), gains.shape))
     others = np.delete(np.max(gains, axis=0), joint)

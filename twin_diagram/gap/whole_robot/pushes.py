@@ -14,8 +14,12 @@ from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
+from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.held_joints import dry_levels, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
+from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
+from twin_diagram.gap.whole_robot.well_told import share_along
 from twin_diagram.signals.arrays import Array
 
 
@@ -48,6 +52,10 @@ class Tuning:
     alike: float = 2.0
     """A push on an inner link suffices where it explains as much, but for this [nats]."""
 
+    rather: float = 0.8
+    """Share of what the best push explains from which on one whose wrench the motion tells is taken for it: the best
+    would have no name."""
+
     alone: float = 4.0
     """By how much more than others a push must explain that drives one joint alone [nats]: that is rather the joint's
     own doing."""
@@ -57,6 +65,10 @@ class Tuning:
 
     most: int = 3
     """Links that are looked at in each round."""
+
+    held: float = 3.2
+    """Times a joint's dry friction by which what holds it may change while it rests: from one direction to the other,
+    and before it slides it is up to 1.6 times what it is then."""
 
     nothing: float = 1e-30
     """Sum of squares below which a joint has nothing left: one that never moves, say [N²·m²]."""
@@ -93,6 +105,8 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
         quiet = replace(problem, variance=best.variance, share=best.share)
     if brief(best.candidate):
         return []
+    problem, z = while_sliding(problem, z, terms, best.candidate)
+    best = _Tried.of(problem, z, best.candidate)
     if best.score < TUNING.worth or beside_rough_friction(problem, z, best) < TUNING.worth:
         return []
     return [on_the_innermost(problem, z, terms, best.candidate)]
@@ -101,6 +115,23 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
 def brief(push: Candidate) -> bool:
     """Return whether what suits a push best is over too soon to be told from a burst of what any fit leaves."""
     return push.onset is not None and push.end is not None and push.end[1] - push.onset[1] < TUNING.shortest
+
+
+def while_sliding(problem: RobotProblem, z: Array, terms: Terms, push: Candidate) -> tuple[RobotProblem, Array]:
+    """Return the problem without samples at which dry friction can hold what a push brings to a joint, and its fit.
+
+    Args:
+        problem: of what is there beside it, without it.
+        z: (Z,) its coordinates.
+        terms: of the same samples.
+        push: as it was found.
+    """
+    beside = replace(problem, sums=problem.sums.with_further([*problem.sums.further, push]))
+    fitted = solve(beside, None, np.concatenate([z, np.zeros(push.size)]))
+    brought = np.max(np.abs(push.columns @ fitted[-push.size :]), axis=0)
+    level = np.maximum(dry_levels(problem, z), dry_levels(problem, fitted))
+    held = [j for j, torque in zip(push.rows, brought, strict=True) if torque < TUNING.held * level[j]]
+    return without_held(problem, z, terms, held)
 
 
 def beside_rough_friction(problem: RobotProblem, z: Array, push: _Tried) -> float:
@@ -144,6 +175,7 @@ class _Tried:
         rises: (n,) of each joint's log likelihood [nats].
         variance: (n,) of what is left beside it [N²·m²].
         share: (n,) of samples that are independent, without it or beside it.
+        told: whether force or moment are known well enough to be named.
     """
 
     candidate: Candidate
@@ -152,6 +184,7 @@ class _Tried:
     rises: Array
     variance: Array
     share: Array
+    told: bool
 
     @staticmethod
     def of(problem: RobotProblem, z: Array, candidate: Candidate) -> _Tried:
@@ -169,7 +202,9 @@ class _Tried:
         forces, both = _rank(candidate.columns[..., :3]), _rank(candidate.columns)
         score = float(np.sum(rises)) - TUNING.force * forces - TUNING.moment * (both - forces)
         drives = int(np.sum(size > TUNING.told * np.max(size)))
-        return _Tried(candidate, score, drives, rises, tried.variance, share)
+        spread = np.sqrt(np.diag(estimates.covariance(tried, fitted))[-candidate.size :])
+        told = share_along(fitted[-candidate.size :], spread) < WELL_TOLD.third
+        return _Tried(candidate, score, drives, rises, tried.variance, share, told)
 
 
 def _rank(columns: Array) -> int:
@@ -181,6 +216,9 @@ def _rank(columns: Array) -> int:
 def _innermost(tried: Sequence[_Tried]) -> _Tried:
     """Return the push on the innermost link that explains as much as any, but for little; inner links come first."""
     top = max(one.score for one in tried)
+    told = [one for one in tried if one.told and one.score > TUNING.rather * top]
+    if told:
+        tried, top = told, max(one.score for one in told)
     several = [one for one in tried if one.joints > 1]
     if several and max(one.score for one in several) > top - TUNING.alone:
         tried, top = several, max(one.score for one in several)

@@ -181,6 +181,12 @@ class TorqueEquations:
         """Return the same of other columns (N, n, K + 1)."""
         return replace(self, columns=columns, sums=summed(columns, self.weights, self.stretch))
 
+    def weighted(self, weights: Array) -> TorqueEquations:
+        """Return the same with other weights (N, n) of samples."""
+        count = int(self.stretch[-1]) + 1
+        counts = np.stack([np.sum(weights[self.stretch == s], axis=0) for s in range(count)])
+        return replace(self, weights=weights, counts=counts, sums=summed(self.columns, weights, self.stretch))
+
     def spread_out(self, candidate: Candidate) -> Array:
         """Return (N, n, k) columns of a candidate on all joints."""
         result = np.zeros((len(self.columns), self.n, candidate.size))

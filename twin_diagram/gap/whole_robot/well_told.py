@@ -9,8 +9,9 @@ import numpy as np
 
 from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.signals.arrays import Array
 
-SIZES = ("gain", "delay", "offset", "amplitude", "coefficient", "torque", "wrench")
+SIZES = ("gain", "delay", "offset", "amplitude", "coefficient", "torque", "wrench", "roll", "pitch")
 """Parameters that say how large an effect is whose record names none as leading."""
 
 
@@ -68,11 +69,21 @@ def _known(sizes: Sequence[Estimate], finding: Finding, most: float) -> bool:
 
 
 def _share(size: Estimate, nothing: float) -> float:
+    """Return the standard error as a share of what is said; of a wrench see `share_along`."""
+    value, std = (np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (size.value, size.std))
+    return share_along(value, std, nothing)
+
+
+def share_along(value: Array, std: Array, nothing: float = 0.0) -> float:
     """Return the standard error as a share of what is said; of a wrench, of force or moment, along what it says.
 
     Across its own direction a small error would count the most, as there is nothing that it is a share of.
+
+    Args:
+        value: a number, a force, or force and moment.
+        std: its standard errors.
+        nothing: the value that says nothing.
     """
-    value, std = (np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (size.value, size.std))
     shares = []
     for part in (slice(0, 3), slice(3, None)) if len(value) > 1 else (slice(None),):
         told = value[part] - nothing

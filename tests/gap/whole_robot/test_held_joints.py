@@ -1,0 +1,84 @@
+"""A joint that mostly rests, held by dry friction: what holds it is neither a push nor late."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.gap.made import ARM, PAN
+from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.residuals.stiction import slides
+from twin_diagram.gap.whole_robot import late_torque
+from twin_diagram.gap.whole_robot.concluding import own_terms
+from twin_diagram.gap.whole_robot.explain import begun, settled
+from twin_diagram.gap.whole_robot.held_joints import dry_levels, without_held
+from twin_diagram.gap.whole_robot.late_torque import one_late
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
+from twin_diagram.gap.whole_robot.pushes import TUNING, pushes
+from twin_diagram.gap.whole_robot.torque_equations import equations
+from twin_diagram.gap.whole_robot.unusual import terms_of
+from twin_diagram.signals.arrays import Array
+
+LEVEL = 6.0
+
+
+@cache
+def held() -> tuple[RobotProblem, Array]:
+    """Of an arm whose first joint moves a little there and back; what holds it turns round between."""
+    records = noisy(ARM, ARM, 10.0)
+    (record,) = records.records
+    time, q, v, a = record.time, record.q.copy(), record.v.copy(), record.a.copy()
+    there, back = (np.pi * np.clip(time - begin, 0.0, 1.0) for begin in (1.0, 7.0))
+    q[:, PAN] = q[0, PAN] + 0.03 * (np.cos(back) - np.cos(there))
+    v[:, PAN] = 0.03 * np.pi * (np.sin(there) - np.sin(back))
+    a[:, PAN] = np.gradient(v[:, PAN], time)
+    given = ARM.inverse_dynamics(q, v, a)
+    torque = given + record.torque - record.given
+    torque[:, PAN] += LEVEL * (1.0 - np.clip((time - 5.5) / 0.25, 0.0, 2.0))
+    rests = replace(record, q=q, v=v, a=a, torque=torque, given=given, passed=given)
+    return settled(begun(records, equations(replace(records, records=(rests,)))))
+
+
+def test_what_dry_friction_holds_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, start = held()
+    terms = terms_of(whole.sums, ARM)
+    assert not pushes(whole, start, terms)
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.TUNING", replace(TUNING, held=0.0))
+    assert pushes(whole, start, terms)
+
+
+def test_without_what_is_held_friction_is_what_it_is() -> None:
+    whole, start = held()
+    slid, z = without_held(whole, start, terms_of(whole.sums, ARM), [PAN])
+    assert np.mean(slid.sums.weights[:, PAN]) < 0.3 and np.all(slid.sums.counts <= whole.sums.counts)
+    np.testing.assert_array_equal(slid.sums.weights[:, 1:], whole.sums.weights[:, 1:])
+    assert dry_levels(slid, z)[PAN] == pytest.approx(LEVEL, rel=0.02)
+    assert slid.variance[PAN] < 0.01 * whole.variance[PAN]
+
+
+def test_what_is_held_does_not_count_for_a_joint_that_is_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What holds a joint follows its last motion, and so a later torque suits it."""
+    judged = []
+
+    def none(problem: RobotProblem, z: Array) -> Array:
+        judged.append(float(np.mean(problem.sums.weights[:, PAN])))
+        return np.zeros((len(late_torque.COARSE), problem.n))
+
+    monkeypatch.setattr(late_torque, "gains_alone", none)
+    assert one_late(*held()) is None
+    assert judged[0] < 0.3
+
+
+def test_a_joint_that_never_slides_tells_of_no_damping() -> None:
+    whole, _ = held()
+    (record,) = whole.sums.records.records
+    crawl = record.v.copy()
+    crawl[:, PAN] *= 0.15  # at most 14 mrad/s
+    records = replace(whole.sums.records, records=(replace(record, v=crawl),))
+    assert slides(whole.sums.records).all()
+    assert slides(records).tolist() == [False, *[True] * 5]
+    assert own_terms(records)[PAN].tolist() == [False, True, True, True]
+    assert own_terms(records)[1:].all()

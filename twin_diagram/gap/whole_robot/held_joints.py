@@ -1,0 +1,48 @@
+"""What friction holds: samples at which a joint rests tell nothing that its dry friction could hold.
+
+A joint that mostly rests keeps its samples in the equations, as it may have no friction. What is asked of them alone,
+though, as a push or torque that acts late, may be what holds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from twin_diagram.gap.residuals import stiction
+from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.torque_equations import OWN
+from twin_diagram.signals.arrays import Array
+
+
+def dry_levels(problem: RobotProblem, z: Array) -> Array:
+    """Return (n,) dry friction of each joint, the description's and what was found [N·m].
+
+    Args:
+        problem: that was fitted.
+        z: (Z,) its coordinates.
+    """
+    own = z[10 * problem.n : 14 * problem.n].reshape(problem.n, len(OWN))
+    return np.asarray(np.abs(own[:, OWN.index("coulomb")] + problem.sums.stated_dry))
+
+
+def without_held(problem: RobotProblem, z: Array, terms: Terms, joints: Iterable[int]) -> tuple[RobotProblem, Array]:
+    """Return the problem without samples at which some joints may be held, with the noise of what is left, and its fit.
+
+    Args:
+        problem: that was fitted.
+        z: (Z,) its coordinates.
+        terms: of the same samples.
+        joints: that friction may hold.
+    """
+    weights = problem.sums.weights.copy()
+    for j in joints:
+        weights[:, j] *= stiction.clear(terms.records, terms, j)
+    if np.array_equal(weights, problem.sums.weights):
+        return problem, z
+    problem = replace(problem, sums=problem.sums.weighted(weights))
+    problem = with_noise(problem, solve(problem, None, z))  # what was held is no noise
+    return problem, solve(problem, None, z)
