@@ -36,6 +36,7 @@ def text(results: list[dict[str, Any]]) -> str:
         share("as described: none", [r["verdict"] == "none" for r in fine if r["as_described"]], ">= 98 %"),
         share("unknown, of those that lack something", [r["verdict"] == "unknown" for r in real], "0 %"),
         share("second run on its own model: none", [r["second"] == "none" for r in fine if "second" in r], ">= 98 %"),
+        share("later run of other motion: none", [r["later"] == "none" for r in fine if "later" in r], ">= 95 %"),
         share(
             "payload, model of an unloaded log: within 3 %", [abs(x[1] - x[0]) <= 0.03 * x[0] for x in later], ">= 90 %"
         ),

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.gap.made import ARM, record, swing
+from tests.gap.made import ARM, ELBOW, effect, record, swing
 from tests.gap.whole_robot.test_explain import lacking, noisy
 from twin_diagram.gap.findings import Finding, Verdict
 from twin_diagram.gap.report.summary import summary
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import taking_over
+from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.logs import Log
 from twin_diagram.model.model import Model
 
@@ -83,19 +84,34 @@ def test_a_robot_that_lacks_everything_need_not_be_searched() -> None:
 
 def test_of_an_arm_that_was_known_what_tells_much_is_enough() -> None:
     true, whole = lacking()
-    assert taking_over.tells_of_change(whole, ARM, [log_of(true)])
-    assert not taking_over.tells_of_change(whole, whole.model, [log_of(true)])
-    assert not taking_over.tells_of_change(None, ARM, [log_of(true)])
+    logs, expected = [log_of(true)], np.ones(6)
+    assert taking_over.tells_of_change(whole, ARM, logs, expected)
+    assert not taking_over.tells_of_change(whole, whole.model, logs, expected)
+    assert not taking_over.tells_of_change(None, ARM, logs, expected)
 
 
-def test_what_was_recorded_is_no_news() -> None:
+def test_one_joint_that_has_changed_is_enough() -> None:
     true, whole = lacking()
-    log = log_of(true)
-    left = np.exp(taking_over.size_of(ARM, [log]))
-    assert taking_over.no_more_than_recorded(ARM, [log], whole, left)
-    assert not taking_over.no_more_than_recorded(ARM, [log], whole, left / 1.2)
-    assert taking_over.no_more_than_recorded(ARM, [log], None, left / 1.2)
-    assert not taking_over.no_more_than_recorded(ARM, [log], None, left / 1.6)
+    before = whole.model.with_effects([*whole.model.effects, effect("torque_bias", [ARM.joints[ELBOW]], torque=0.1)])
+    clean, elbow = log_of(true), np.arange(6) == ELBOW
+    noise = 0.1 * np.random.default_rng(1).normal(size=clean.position.shape)
+    logs = [replace(clean, torque=clean.motor_torque + noise)]
+    assert not taking_over.tells_of_change(whole, before, logs, np.ones(6))  # the others dilute it
+    assert taking_over.tells_of_change(whole, before, logs, 1.0 + 2.0 * elbow)
+    assert not taking_over.tells_of_change(whole, before, logs, 3.0 - 2.0 * elbow)
+
+
+def test_what_was_expected_is_no_news() -> None:
+    true, whole = lacking()
+    logs, as_expected = [log_of(true)], np.ones(6)
+
+    def no_news(beyond: float, found: WholeRobot | None, expected: float = 1.0) -> bool:
+        return taking_over.no_news(ARM, logs, found, beyond * as_expected, expected * as_expected)
+
+    assert no_news(1.05, whole)  # whatever was found
+    assert not no_news(1.2, whole)
+    assert no_news(1.2, None) and not no_news(2.0, None)
+    assert no_news(1.2, whole, expected=1e3)  # what refitting gains was to be expected
 
 
 def test_the_verdict_of_the_whole_says_where_and_whether_something_is_left() -> None:

@@ -13,10 +13,9 @@ from twin_diagram.gap.correction.held_out_onsets import with_held_onsets
 from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records
-from twin_diagram.gap.whole_robot import taking_over
+from twin_diagram.gap.whole_robot import found_before, taking_over
 from twin_diagram.gap.whole_robot.coarse_torque import in_coarse_steps
-from twin_diagram.gap.whole_robot.concluding import WholeRobot, every_beside
-from twin_diagram.gap.whole_robot.estimates import covariance
+from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.gap.whole_robot.explain import explain
 from twin_diagram.gap.whole_robot.late_torque import one_late
 from twin_diagram.gap.whole_robot.lost_dips import without_lost_dips
@@ -28,17 +27,6 @@ from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 Say = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """Constants of this module."""
-
-    least: float = 1e-4
-    """Share of a scale by which links' coordinates are off whatever a fit says: no covariance is singular."""
-
-
-TUNING = Tuning()
 
 COARSE = (
     "most joints' torques are logged in steps as large as a good part of what they do, so only what makes left-out "
@@ -75,17 +63,21 @@ def explained(
 ) -> Explanation:
     """Return what is found of the robot as a whole, or by the search for a few names; `notes` grow."""
     say("fitting the whole robot")
+    spread = found_before.told_of(standing, given)
     try:
-        whole = whole_robot(records, logs, known=bool(standing.remainder), told=links_told(standing, given))
+        whole = whole_robot(records, logs, known=bool(standing.remainder), told=found_before.of_links(spread))
     except np.linalg.LinAlgError:  # a log in which next to nothing moves
         whole = None
     recorded = np.array([standing.remainder.get(joint, 0.0) for joint in given.joints])
     known = bool(np.all(recorded > 0.0))
     bare = taking_over.unsearched(records)
-    if known and taking_over.no_more_than_recorded(given, logs, whole, recorded):
-        notes.append("what is left is what was left when this model was corrected")
-        return Explanation(replace(bare, verdict="none", recorded=recorded), given, None, whole)
-    enough = taking_over.tells_of_change(whole, given, logs) if known else None
+    enough = None
+    if known:
+        beyond, expected = found_before.beyond_expected(records, recorded, spread)
+        if taking_over.no_news(given, logs, whole, beyond, expected):
+            notes.append("what is left is what was left when this model was corrected")
+            return Explanation(replace(bare, verdict="none", recorded=recorded), given, None, whole)
+        enough = taking_over.tells_of_change(whole, given, logs, beyond)
     coarse = in_coarse_steps(logs)  # which a search for a few names takes for effects
     if coarse:
         notes.append(COARSE)
@@ -145,31 +137,6 @@ def told_of_one_late(whole: WholeRobot) -> list[str]:
     ]
 
 
-def links_told(standing: corrected_folder.CorrectedStanding, given: Model) -> Array | None:
-    """Return the covariance (10 n, 10 n) that links' coordinates were found with; None where that is not known.
-
-    Args:
-        standing: of the given model.
-        given: of n joints.
-    """
-    size = 10 * len(given.joints)
-    if not standing.remainder or [len(row) for row in standing.links] != list(range(1, size + 1)):
-        return None
-    lower = np.zeros((size, size))
-    lower[np.tril_indices(size)] = np.concatenate(standing.links)
-    return np.asarray(lower @ lower.T)
-
-
-def links_found(whole: WholeRobot) -> list[list[float]]:
-    """Return rows of the triangular factor of the covariance that links' coordinates were found with, any of them."""
-    every, links = every_beside(whole.problem), 10 * whole.problem.n
-    spread = covariance(every, whole.coordinates)[:links, :links]
-    weightless = np.repeat(~every.links.heavy, 10)
-    spread[np.ix_(weightless, weightless)] = 0.0
-    least = np.diag((TUNING.least * every.links.scale.ravel()) ** 2)
-    return [[float(f"{x:.4g}") for x in row[: k + 1]] for k, row in enumerate(np.linalg.cholesky(spread + least))]
-
-
 def whole_robot(records: Records, logs: Sequence[Log], *, known: bool, told: Array | None = None) -> WholeRobot | None:
     """Return what is found of the robot as a whole, beginning without friction that is stated and not there.
 
@@ -204,7 +171,7 @@ def standing_after(
     links = before.links
     if whole is not None:
         left = np.maximum(left, np.maximum(whole.fitted, whole.left))
-        links = links_found(whole)
+        links = found_before.factor_of(whole)
     elif not verdict.remainder:
         return before
     remainder = dict(zip(corrected.joints, map(float, left), strict=True))

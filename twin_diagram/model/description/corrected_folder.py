@@ -29,8 +29,8 @@ class CorrectedStanding:
         torque_side: of the gears, on which the torques were measured that it was corrected with.
         established: whether its effects have earned their names; else it is the best partial explanation.
         remainder: joint → root mean square of the torque that it leaves of motion like that of its logs [N·m].
-        links: rows of the triangular factor of the covariance that its links were found with, in the coordinates that
-            `gap` fits them by; empty where they were not fitted together.
+        links: rows of the triangular factor of the covariance that its links, and after them joints' own terms, were
+            found with, in the coordinates that `gap` fits them by; empty where they were not fitted together.
     """
 
     torque_side: str = "motor"
