@@ -127,6 +127,16 @@ def test_home_is_clear_of_the_table_where_it_can_be(tmp_path: Path) -> None:
     assert found.frames == ("fore", "tip")
 
 
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [("tool0", "tool0"), ("hand_tcp", "hand_tcp"), ("EE", "EE"), ("link_eef", "link_eef"), ("steel", "fore")],
+)
+def test_the_tool_is_told_by_its_name(tmp_path: Path, name: str, first: str) -> None:
+    path = tmp_path / "named.urdf"
+    path.write_text(PLACEHOLDER.replace('"tip"', f'"{name}"'))
+    assert look_at(path).frames[0] == first
+
+
 def test_nothing_that_exists_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "two.urdf").write_text(PLACEHOLDER)
     out = tmp_path / "mine.yaml"

@@ -22,7 +22,7 @@ from tests.small_loop import small_scenario
 from twin_diagram.logs import read_log
 from twin_diagram.runs import replay_log, run_scenario
 from twin_diagram.runs import run as runs
-from twin_diagram.runs.many_seeds import _run_one
+from twin_diagram.runs.many_seeds import run_one
 from twin_diagram.runs.run_folder import EVENTS
 from twin_diagram.scenario import ArmModel, EffectSpec, Healing, Scenario
 from twin_diagram.scenario.file import load_scenario, save_scenario
@@ -209,7 +209,7 @@ def test_a_seed_that_was_stopped_runs_again(tmp_path: Path, monkeypatch: pytest.
     task = ("tabletop", [], 1, str(folder))
     for summary, found in (({"seed": 1}, {"seed": 1}), ({"stopped": True}, {"again": True})):
         (folder / "summary.json").write_text(json.dumps(summary))
-        assert _run_one(task) == found
+        assert run_one(task) == found
 
 
 def test_what_was_not_picked_up_yet_when_a_run_was_stopped_is_not_carried(monkeypatch: pytest.MonkeyPatch) -> None:

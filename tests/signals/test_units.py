@@ -58,7 +58,7 @@ CATALOGUE = {
     "torque_saturation": {"limit": "N·m"},
     "time_delay": {"delay": "s"},
     "encoder_offset": {"offset": "rad"},
-    "external_force": {"wrench": "N, N·m"},
+    "external_force": {"wrench": "N, N·m", "point": "m"},
     "actuator_fault": {"gain": "1"},
 }
 """What gap.json has always said; programs read it."""

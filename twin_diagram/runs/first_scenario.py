@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,9 @@ class Tuning:
 
 TUNING = Tuning()
 
+_TOOLS = ("tcp", "tool", "ee|eef|end_?effector")
+"""Words in the names that descriptions give the frame that works; the likelier first."""
+
 
 @dataclass(frozen=True)
 class Brought:
@@ -51,7 +55,7 @@ class Brought:
     Attributes:
         joints: names, from the base.
         lower, upper: (n,) limits [rad], [m]; infinite where the description names none.
-        frames: of its last link and beyond, the last link's own first: candidates for the tool.
+        frames: of its last link and beyond, candidates for the tool; first one that is called so, else the link's own.
         home: (n,) within the limits; clear of the table where `stands`.
         stands: whether a pose was found that is clear of the table.
         loose: names of further joints, which have no motor by the description and follow no other joint.
@@ -113,7 +117,7 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None, j
     welded = {int(body.index()) for body in plant.GetBodiesWeldedTo(last)}
     every = [plant.get_frame(index) for instance in added.instances for index in plant.GetFrameIndices(instance)]
     beyond = [frame.name() for frame in every if int(frame.body().index()) in welded and frame.name() not in inner]
-    frames = tuple(dict.fromkeys([last.name(), *(name for name in beyond if name)]))
+    frames = _tool_first(tuple(dict.fromkeys([last.name(), *(name for name in beyond if name)])))
     own = [plant.get_joint(index) for index in added.joint_indices]
     lower = np.array([float(joint.position_lower_limits()[0]) for joint in own])
     upper = np.array([float(joint.position_upper_limits()[0]) for joint in own])
@@ -122,6 +126,15 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None, j
     movable = [j.name() for j in _joints(plant, added) if isinstance(j, (RevoluteJoint, PrismaticJoint))]
     loose = tuple(name for name in movable if name not in held)
     return Brought(added.joints, lower, upper, frames, home, stands, loose)
+
+
+def _tool_first(frames: tuple[str, ...]) -> tuple[str, ...]:
+    """Return frames with the one in front that its name says to be the tool's."""
+    for word in _TOOLS:
+        named = [name for name in frames if re.search(rf"(?:^|[_/-])(?:{word})\d*(?:$|[_/-])", name.lower())]
+        if named:
+            return (named[0], *(name for name in frames if name != named[0]))
+    return frames
 
 
 def _joints(plant: MultibodyPlant, arm: Arm) -> list[Joint]:

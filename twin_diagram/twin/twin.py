@@ -105,7 +105,8 @@ class TwinDiagram:
         Raises:
             TwinError: the twin cannot use it.
         """
-        model = behind_door(model, offset_of(self.measured_model))
+        if model.joints == self.measured_model.joints:  # another arm's is refused by whoever would use it
+            model = behind_door(model, offset_of(self.measured_model))
         numbers = {system.add_model(model) for system in self._model_users}
         assert len(numbers) == 1
         return numbers.pop()
