@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram import scenario
-from twin_diagram.errors import LogError, ModelError
+from twin_diagram.errors import ArgumentError, LogError, ModelError
 from twin_diagram.logs import Log, check
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.effects import realisation, spec_of
@@ -516,3 +516,12 @@ def test_bad_descriptions_are_refused(tmp_path: Path) -> None:
 
 
 MODEL = Model.load(scenario.ArmModel(model="arms/panda_hand.urdf"))
+
+
+def test_a_model_is_built_by_position_or_by_name() -> None:
+    given = Model.load("arms/ur5e.urdf")
+    for model in (Model(given.plant, given.arm, ()), Model(plant=given.plant, arm=given.arm, effects=())):
+        assert model.joints == given.joints
+    for wrong in (lambda: Model("arms/ur5e.urdf"), lambda: Model(plant="arms/ur5e.urdf")):  # type: ignore[arg-type,call-arg]
+        with pytest.raises(ArgumentError, match=r"Model\.load\(PATH\)"):
+            wrong()
