@@ -437,6 +437,11 @@ def test_a_damaged_image_is_refused() -> None:
     message.images = [image(b"no zip", **fields)]
     with pytest.raises(StationError, match="cannot be unpacked"):
         read_images(message, UNIT)
+    grey = cv2.imencode(".png", COLOUR[..., 0])[1].tobytes()
+    fields["compression_method"] = lcmt_image.COMPRESSION_METHOD_PNG
+    message.images = [image(grey, **fields)]
+    with pytest.raises(StationError, match="1 channel where 3 are told"):
+        read_images(message, UNIT)
     message.images = [image(b"", pixel_format=lcmt_image.PIXEL_FORMAT_DEPTH)]
     with pytest.raises(StationError, match="channel type"):
         read_images(message, UNIT)
