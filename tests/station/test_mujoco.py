@@ -21,7 +21,7 @@ def test_limits_are_the_joints_own_however_the_file_lists_them(tmp_path: Path) -
     limit = '<limit lower="-1" upper="1" effort="{}" velocity="1"/>'.format
     joints = [
         JOINT.format("tip", "revolute", "b", "c", limit(7)),
-        JOINT.format("middle", "continuous", "a", "b", ""),
+        JOINT.format("middle", "continuous", "a", "b", '<limit effort="0" velocity="0"/>'),
         JOINT.format("first", "prismatic", "base", "a", limit(50)),
     ]
     file = tmp_path / "arm.urdf"
