@@ -334,7 +334,7 @@ def swapped(file: str, old: str, new: str) -> Callable[[Path], None]:
         (no_manifest, "no manifest"),
         (swapped("log.csv", "time,", "seconds,"), r"log\.csv: no column time"),
         (swapped("messages.csv", "time,delivery", "time"), r"messages\.csv"),
-        (lambda folder: (folder / "messages.csv").write_text("time\n0.1\n"), "needs the columns time, delivery; it has"),
+        (lambda folder: (folder / "messages.csv").write_text("time\n0.1\n"), "needs the columns time, delivery"),
         (lambda folder: (folder / "camera" / "frames.csv").write_text("index,capture\n"), r"frames\.csv: needs the"),
         (swapped("manifest.yaml", "sensors: []", "sensors: null"), "sensors: None is no list of names"),
         (swapped("manifest.yaml", "depth_shape: null", "depth_shape: [8]"), "not width and height"),

@@ -29,7 +29,6 @@ from twin_diagram.station.replay.recording_folder import (
     sensor_file,
 )
 
-
 PICTURES: Final = ("index", "capture", "delivery")
 """Columns that tell of a recording's pictures or scans: number in the files' names, when taken and when shown [s]."""
 

@@ -211,7 +211,9 @@ def _check(file: Path, manifest: Manifest) -> None:
         for k, size in enumerate(camera.depth_shape or []):
             sizes[f"camera.depth_shape[{k}]"] = size
         if camera.depth_shape is not None and len(sizes) != 4:
-            raise StationError(f"replay.log: {file}: camera.depth_shape: {camera.depth_shape!r} is not width and height")
+            raise StationError(
+                f"replay.log: {file}: camera.depth_shape: {camera.depth_shape!r} is not width and height"
+            )
         if not (isinstance(camera.depth_unit, (int, float)) and 0.0 < camera.depth_unit < np.inf):
             raise StationError(f"replay.log: {file}: camera.depth_unit: {camera.depth_unit!r} is not a length")
     if lidar is not None:
