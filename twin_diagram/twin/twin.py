@@ -231,12 +231,9 @@ def make_twin(
     check_twin(twin)
     builder = DiagramBuilder()
     measured_model = model_of(twin, packages)
-    model = behind_door(measured_model, offset := offset_of(measured_model))
-    door = offset if offset.any() or twin.healing is not None else None
+    model, offset = _through_door(measured_model, mends=twin.healing is not None)
     library = library_of(twin, packages)
-    check_fixtures(twin, packages)
-    scene = named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
-
+    scene = _add_scene(builder, twin, packages)
     home = np.array(twin.home) if twin.home else None
     fused = fused_sensors(twin, model.last_link)
     tuning = replace(twin.filter, sensors=[sensor.spec for sensor in fused])
@@ -251,7 +248,7 @@ def make_twin(
     goal, runner = add_task(builder, twin, packages, model, library, scene)
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
     monitor = named("twin", lambda: add_stop_monitor(builder, twin, model, library, packages))
-    _take_measurements(builder, door, ekf, *filter(None, (drift, moves, health, runner, monitor)))
+    _take_measurements(builder, offset, ekf, *filter(None, (drift, moves, health, runner, monitor)))
     connect_task(builder, runner, ekf, updater, moves)
     further = ["sensor_tracks"] if fused else []
     _connect(builder, ekf, drift, "arm_state", "parameters", "innovation", "nis", *further)
@@ -262,7 +259,7 @@ def make_twin(
     sight = add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner, monitor)
     named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
-    connect_commands(builder, moves, monitor, ekf, updater, runner, door)
+    connect_commands(builder, moves, monitor, ekf, updater, runner, offset)
     export_acting(builder, goal, scene, updater, runner)
     _export_beliefs(builder, ekf, drift, updater, moves, health)
     builder.ExportOutput(scene.query_output, "query_object")
@@ -270,8 +267,25 @@ def make_twin(
     known = model, measured_model, library, scene, parameter_names, mass_index, tuple(fused)
     added = AddedAssets(scene, sight, (mpc, monitor))
     diagram = _built(builder)
-    own = None if door is None else Door(diagram, offset)
-    return TwinDiagram(diagram, *known, ekf, drift, mpc, health, runner, monitor, added, own)
+    door = None if offset is None else Door(diagram, offset)
+    return TwinDiagram(diagram, *known, ekf, drift, mpc, health, runner, monitor, added, door)
+
+
+def _through_door(measured_model: Model, *, mends: bool) -> tuple[Model, Array | None]:
+    """Return the model in true joint angles, and the offset (n,) that is taken off; None where no door is needed.
+
+    Args:
+        measured_model: as logs show it.
+        mends: whether the twin may find an offset while it runs.
+    """
+    offset = offset_of(measured_model)
+    return behind_door(measured_model, offset), offset if offset.any() or mends else None
+
+
+def _add_scene(builder: DiagramBuilder, twin: scenario.Twin, packages: Packages | None) -> TwinScene:
+    """Add the twin's own plant and SceneGraph."""
+    check_fixtures(twin, packages)
+    return named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
 
 
 def _built(builder: DiagramBuilder) -> Diagram:
