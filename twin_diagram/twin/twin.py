@@ -130,8 +130,10 @@ class TwinDiagram:
             system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
         change = np.zeros(0) if self.door is None else self.door.move(context, number)
         if change.any():
-            for user in filter(None, (self.ekf, self.mpc, self.monitor)):
-                user.recount(self.diagram.GetMutableSubsystemContext(user, context), change)
+            users: tuple[AdaptiveEkf | Mpc | StopMonitor | None, ...] = self.ekf, self.mpc, self.monitor
+            for user in users:
+                if user is not None:
+                    user.recount(self.diagram.GetMutableSubsystemContext(user, context), change)
 
     def add_asset(self, asset: Asset | str | Path, name: str | None = None) -> int:
         """Take in an asset that the library does not hold; answer its number. No Context uses it yet.
