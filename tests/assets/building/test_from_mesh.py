@@ -6,6 +6,7 @@ import json
 import os
 import re
 import struct
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,6 +123,17 @@ def test_collada_tells_its_unit_and_what_is_up(tmp_path: Path, up: str, size: li
     built = build_from_mesh(tmp_path / "a.dae", "a", tmp_path / "lib", mass=1.0)
     np.testing.assert_allclose(built.size, size, atol=1e-6)
     assert built.volume == pytest.approx(0.006, rel=1e-5)
+
+
+@pytest.mark.parametrize("turn", [source_mesh.z_up, source_mesh.x_becomes_up])
+def test_what_is_set_upright_is_turned_and_not_mirrored(turn: Callable[[Array], Array]) -> None:
+    R = turn(np.eye(3)).T
+    np.testing.assert_array_equal(R @ R.T, np.eye(3))
+    assert np.linalg.det(R) == 1.0
+    # COLLADA 1.4.1, `up_axis`: with Y_UP x leads to the right and z comes towards the viewer, with X_UP −y and z.
+    right = [0.0, -1.0, 0.0] if turn is source_mesh.x_becomes_up else [1.0, 0.0, 0.0]
+    np.testing.assert_array_equal(turn(np.array(right)), [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(turn(np.array([0.0, 0.0, 1.0])), [0.0, -1.0, 0.0])
 
 
 def test_the_plant_knows_mass_centre_and_moments(tmp_path: Path) -> None:
