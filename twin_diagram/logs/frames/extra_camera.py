@@ -130,4 +130,3 @@ def _list(raw: dict[str, Any], key: str, counts: tuple[int, ...], path: Path) ->
     if len(values) not in counts or not np.isfinite(values).all():
         raise FramesError(f"{path}: {key} must be {' or '.join(map(str, counts))} finite numbers, not {raw.get(key)}")
     return values
-
