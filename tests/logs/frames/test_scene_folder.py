@@ -141,6 +141,11 @@ def extra(folder: Path, told: str) -> None:
     (folder / "camera_extra.json").write_text(f'{{"calibration_std": {told}}}')
 
 
+def depth_camera(folder: Path, K: str, **more: list[int]) -> None:
+    own = {"cam_K": [int(x) for x in K.split(",")], **more}
+    (folder / "camera_extra.json").write_text(json.dumps({"depth_camera": own}))
+
+
 def out(path: Path, target: Path) -> None:
     path.unlink()
     path.symlink_to(target)
@@ -193,6 +198,8 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "times": (lambda f: (f / "times.json").write_text("[0, 2, 1]"), "times must be finite and rise"),
     "few times": (lambda f: (f / "times.json").write_text("[0, 2]"), "a time .* for each of the 3 frames"),
     "distortion": (lambda f: (f / "camera_extra.json").write_text('{"distortion": [1, 2]}'), "0 or 4 or 5 finite"),
+    "inverse depth camera": (lambda f: depth_camera(f, K="1, 0, 0, 0, 1, 0, 0, 0, 1", R_DC=[1]), "R_DC is not read"),
+    "skew depth camera": (lambda f: depth_camera(f, K="9, 1, 0, 0, 9, 0, 0, 0, 1"), "depth_camera: cam_K must be"),
     "no calibration": (lambda f: extra(f, "3"), "calibration_std must hold position, .*, not 3"),
     "another calibration": (lambda f: extra(f, '{"shift": 1}'), "calibration_std must hold position"),
     "negative calibration": (lambda f: extra(f, '{"focal": -0.1}'), "calibration_std: focal is negative: -0.1"),

@@ -96,7 +96,11 @@ def read_extra(folder: Path) -> ExtraCamera:
     calibration = _calibration(raw, path)
     if own is None:
         return ExtraCamera(distortion, distortion, calibration=calibration, file=path)
+    if other := [key for key in own if key.startswith(("R_", "t_")) and key not in ("R_CD", "t_CD")]:
+        raise FramesError(f"{path}: depth_camera: {other[0]} is not read; R_CD and t_CD tell where it stands")
     K = _list(own, "cam_K", (9,), path).reshape(3, 3)
+    if not np.allclose(K[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]], [0, 0, 0, 0, 1], atol=1e-6):
+        raise FramesError(f"{path}: depth_camera: cam_K must be [fx 0 cx 0 fy cy 0 0 1], not {K.ravel().tolist()}")
     R = _list(own, "R_CD", (9,), path).reshape(3, 3) if "R_CD" in own else np.eye(3)
     if np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0 or min(K[0, 0], K[1, 1]) <= 0:
         raise FramesError(f"{path}: depth_camera: R_CD must be a rotation and cam_K have positive focal lengths")
