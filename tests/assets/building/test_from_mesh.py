@@ -157,6 +157,13 @@ def test_what_is_not_watertight_says_so(tmp_path: Path) -> None:
     assert read_spec(tmp_path / "lib" / "a").volume_by == "hull"
 
 
+def test_bodies_that_overlap_are_weighed_as_one_and_said_to(tmp_path: Path) -> None:
+    cubes = trimesh.util.concatenate([box(0.06, 0.06, 0.06), box(0.04, 0.04, 0.04, at=(0.03, 0.0, 0.0))])
+    built = build_from_mesh(write_stl(tmp_path / "a.stl", cubes), "a", tmp_path / "lib", density=1000.0)
+    assert built.mass == pytest.approx(0.248, rel=0.01)
+    assert any("bodies in it overlap" in note for note in built.notes)
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
 def test_ply_is_read_with_its_colours(tmp_path: Path, encoding: str) -> None:
     mesh = trimesh.creation.box([0.06, 0.05, 0.1])
