@@ -50,7 +50,7 @@ MASS = "payload.mass"
 """Name of the learned mass among the filter's parameters."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TwinDiagram:
     """The twin, built.
 
@@ -92,6 +92,11 @@ class TwinDiagram:
     monitor: StopMonitor | None
     added: AddedAssets
     door: Door | None = None
+
+    def __repr__(self) -> str:
+        """Say in one line what it knows and learns: a notebook shows it."""
+        known = f"joints={list(self.model.joints)}, library={list(self.library)}"
+        return f"TwinDiagram({known}, parameters={list(self.parameter_names)})"
 
     @property
     def _model_users(self) -> list[AdaptiveEkf | DriftMonitor | Mpc]:
