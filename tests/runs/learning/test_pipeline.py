@@ -23,9 +23,10 @@ from twin_diagram.runs.learning.handling import Picked, ShownObject
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.pipeline import Learner
-from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState
+from twin_diagram.runs.learning.record import SWUNG, Learned, LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done
+from twin_diagram.runs.learning.shape_worker import SHAPE
 from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
 
@@ -167,6 +168,36 @@ def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_wor
             pass
         kept = LearningRecord(tmp_path / "run", Scenario()).resume()
         assert [one.state for one in kept.learned] == [expected] and kept.world["positions"].tolist() == [1.0, 2.0]
+
+
+def test_an_object_whose_asset_fails_in_any_way_is_reported_and_the_next_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(name: str, *rest: Any) -> dict[str, Any]:
+        if name == "object_01":
+            raise np.linalg.LinAlgError("Singular matrix")
+        return {"mass": 0.4}
+
+    def weigh(*told: Any) -> None:
+        raise ValueError("no\nroot")
+
+    said = list[str]()
+    run = learner(Bin([]), tmp_path / "run", monkeypatch)
+    run.state.learned = [Learned("object_01"), Learned("object_02")]
+    for one in run.state.learned:
+        folder = run.record.fresh(one.name)
+        (folder / SHAPE).touch()
+        (folder / SWUNG).touch()
+    run._jobs = SimpleNamespace(poll=lambda: [Done(one.name, None) for one in run.state.learned])  # type: ignore[assignment]
+    run.tools, run._say = SimpleNamespace(**vars(run.tools), model=None), said.append  # type: ignore[assignment]
+    for name, what in (("read_shape", lambda f: None), ("read_swung", lambda f: None), ("inertia_of", weigh)):
+        monkeypatch.setattr(f"twin_diagram.runs.learning.finishing.{name}", what)
+    monkeypatch.setattr("twin_diagram.runs.learning.finishing.write_learned", write)
+    assert run._collect()
+    first, second = run.state.learned
+    assert (first.state, first.why) == ("failed", "LinAlgError: Singular matrix")
+    assert second.state == "finished" and second.figures == {"mass": 0.4, "not weighed": "ValueError: no root"}
+    assert said[0] == "object_01: failed, LinAlgError: Singular matrix"
 
 
 def test_no_asset_is_written_between_a_signal_and_the_arms_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
-from twin_diagram.runs.learning.finishing import figures_of, seen_so_far, write_learned
+from twin_diagram.runs.learning.finishing import figures_of, finish, seen_so_far
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
@@ -33,8 +33,7 @@ from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, Ru
 from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
-from twin_diagram.runs.learning.shape_worker import FRAMES, SHAPE, read_shape
-from twin_diagram.runs.learning.weighing import inertia_of, read_swung
+from twin_diagram.runs.learning.shape_worker import FRAMES
 from twin_diagram.runtime import stopping
 from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
@@ -70,9 +69,11 @@ def tools_of(scenario: Scenario, learning: Learning) -> Tools:
     cell = Cell(scenario)
     model = Model.load(twin.arm, packages, torque_side=twin.driver.torque_side)
     mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
+    driven = model if twin.driver.torque_side == "motor" else Model.load(twin.arm, packages, torque_side="motor")
     home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
     faces = KnownFaces.of([solid for _, solids in fixture_solids(twin.fixtures, packages) for solid in solids])
-    return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model, twin.cameras, faces)
+    robot = RobotShape(twin.arm, packages)
+    return Tools(cell, mover, robot, gripper, learning, home, model, driven, twin.cameras, faces)
 
 
 class Learner:
@@ -336,7 +337,7 @@ class Learner:
             self.record.event(
                 object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {})
             )
-            self._say(f"{one.name}: {one.state}, {self.record.library / one.name}")
+            self._say(f"{one.name}: {one.state}, {one.why or self.record.library / one.name}")
         return bool(ready)
 
     def _wait(self) -> None:
@@ -376,25 +377,3 @@ class Learner:
         """Return how long the bin's objects will take, by those so far [s of wall clock]."""
         each = (time.monotonic() - self._begun) / self._handled if self._handled else TUNING.usual
         return each * self._left
-
-
-def finish(record: LearningRecord, one: Learned, model: Model) -> None:
-    """Write an object's asset from shape and torques in its folder; what is wrong is noted in `one`."""
-    folder: Path = record.of(one.name)
-    try:
-        if not (folder / SHAPE).is_file():
-            raise TwinError("it has no shape yet")
-        shape, measured = read_shape(folder), None
-        if (folder / SWUNG).is_file():
-            empty = record.folder / SWUNG
-            try:
-                measured = inertia_of(
-                    model, read_swung(folder / SWUNG), read_swung(empty) if empty.is_file() else None, shape
-                )
-            except (TwinError, np.linalg.LinAlgError) as error:
-                one.figures["not weighed"] = str(error)
-        figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured)
-        one.figures = {**one.figures, **plain(figures)}
-        one.state = "finished"
-    except TwinError as error:
-        one.state, one.why = "failed", str(error)
