@@ -150,6 +150,24 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
     assert LearningRecord(tmp_path / "run", Scenario()).resume().taken == 1, "a run that goes on knows it, too"
 
 
+def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tipped = list[float]()
+
+    def plan_tipping(tools: Any, one: SeenThing, picture: Any) -> float | None:
+        place = float(one.points[0, 0])
+        return place if place == 0.3 else None  # the other one is not flat
+
+    run = learner(Bin([0.0, 0.3]), tmp_path / "run", monkeypatch)
+    monkeypatch.setattr(handling, "pick", lambda tools, one, *rest: Picked(one, why="too wide"))
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.plan_tipping", plan_tipping)
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.tip_up", lambda tools, plan: tipped.append(plan))
+    run.run()
+    assert tipped == [0.3, 0.3, 0.3]
+    assert [one.why for one in run.state.learned] == ["too wide", "too wide"] and run.state.finished
+
+
 def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_world_before_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -34,6 +34,7 @@ from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import FRAMES
+from twin_diagram.runs.learning.tipping import plan_tipping, tip_up
 from twin_diagram.runtime import stopping
 from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
@@ -91,7 +92,7 @@ class Learner:
         self.tools, self.record, self.state, self._say = tools, record, state, say
         self._jobs = ShapeJobs()
         self._begun, self._handled = time.monotonic(), 0
-        self._left = 0
+        self._left, self._tipped = 0, 0
         self._made: list[Done] = []
         self._in_bin = True
 
@@ -175,9 +176,21 @@ class Learner:
             if not things:
                 return
         if picked.taken is None:
-            self._report(picture, thing, picked.why)
+            if not self._tip(name, thing, picture):
+                self._report(picture, thing, picked.why)
             return
+        self._tipped = 0
         self._learn(name, picked)
+
+    def _tip(self, name: str, thing: SeenThing, picture: Picture) -> bool:
+        """Tip up what lies flat and cannot be taken, a few times at most; whether that was tried."""
+        plan = plan_tipping(self.tools, thing, picture) if self._tipped < self.tools.learning.tries else None
+        if plan is None:
+            return False
+        with self._stage(name, "tip up"):
+            tip_up(self.tools, plan)
+        self._tipped += 1
+        return True
 
     def _learn(self, name: str, picked: Picked) -> None:
         """Show, weigh and put away what was picked, and have its shape made."""
