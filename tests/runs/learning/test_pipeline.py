@@ -123,6 +123,28 @@ def test_an_object_put_away_gives_what_was_given_up_another_chance_once(
     assert [one.state for one in run.state.learned] == ["failed"] * 3 and isinstance(run.state, RunState)
 
 
+def test_what_was_barred_has_another_chance_when_what_lay_on_it_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bin_, barred = Bin([0.3, 0.0]), list[bool]()
+    run = learner(bin_, tmp_path / "run", monkeypatch, tries=2)
+
+    def pick(tools: Any, one: SeenThing, *rest: Any) -> Picked:
+        below = one.points[0, 0] == 0.3
+        barred.append(bool(below and 0.0 in bin_.places))
+        return Picked(one, why="barred") if barred[-1] else Picked(one, Taken(np.eye(4), 0.05, 0))
+
+    def show(tools: Any, picked: Picked) -> Any:
+        bin_.places.remove(float(picked.thing.points[0, 0]))
+        raise NothingHeld("it fell beside the bin")
+
+    monkeypatch.setattr(handling, "pick", pick)
+    monkeypatch.setattr(handling, "show_first", show)
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.plan_tipping", lambda *told: None)
+    run.run()
+    assert barred == [True, True, False, False] and not bin_.places and run.state.finished
+
+
 def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bin_ = Bin([0.0])
     run = learner(bin_, tmp_path / "run", monkeypatch)

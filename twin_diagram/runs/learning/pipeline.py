@@ -233,8 +233,9 @@ class Learner:
         if one.standing:
             self.state.taken += 1
             self.state.failed_at = []
-        else:
-            self._note_failure(one, picked.thing.middle)
+        elif not self._note_failure(one, picked.thing.middle):
+            # It may have fallen elsewhere, and bars nothing any more.
+            self.state.taken += any(other.state == "reported" for other in self.state.learned)
         self._handled += 1
         one.grasps = len(shown.X_ST)
         one.figures |= plain(figures_of(shown))
@@ -311,18 +312,20 @@ class Learner:
         except NoWay as why:  # the next look into the bin tries the way home again, and ends the run if there is none
             one.why += f"; then the arm could not go home: {why}"
 
-    def _note_failure(self, one: Learned, place: Array) -> None:
-        """Count a failure of what lay at a place (3,) in W; after `tries` of them it is left where it lies.
+    def _note_failure(self, one: Learned, place: Array) -> bool:
+        """Count a failure of what lay at a place (3,) in W; after `tries` of them it is left there; whether it is.
 
         What falls back into the bin may roll: after many failures in all each place is left at its first.
         """
         tries, failed = self.tools.learning.tries, self.state.failed_at
         failed.append(place.tolist())
         here = np.linalg.norm(np.array(failed) - place, axis=1) <= handling.TUNING.same_place
-        if here.sum() >= tries or len(failed) >= TUNING.rolling * tries:
+        left = bool(here.sum() >= tries or len(failed) >= TUNING.rolling * tries)
+        if left:
             self.state.given_up.append(place.tolist())
             self.record.event(object=one.name, stage="give up", why=one.why)
             self._say(f"{one.name}: {one.why}; what lies there is left in the bin")
+        return left
 
     def _report(self, picture: Picture, thing: SeenThing, why: str) -> None:
         """Note something that cannot be taken, with a picture."""

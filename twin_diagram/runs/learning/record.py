@@ -90,7 +90,7 @@ class RunState:
         world: of `Cell.snapshot`.
         sim_time: simulated so far [s].
         finished: the bin is empty, or holds only what was reported.
-        taken: things put away since what was given up last had another chance.
+        taken: things put away, or lost beside what was reported, since what was given up last had another chance.
     """
 
     learned: list[Learned] = field(default_factory=list)
