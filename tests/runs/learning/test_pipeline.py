@@ -68,7 +68,8 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.correct_cameras", lambda *told: [])
     record = LearningRecord(folder, Scenario())
-    tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries), cameras={}, faces=None)
+    hand = SimpleNamespace(opening_most=0.115)
+    tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries), cameras={}, faces=None, gripper=hand)
     return Learner(tools, record, record.begin(), lambda text: None)
 
 
@@ -172,21 +173,28 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
     assert LearningRecord(tmp_path / "run", Scenario()).resume().taken == 1, "a run that goes on knows it, too"
 
 
+@pytest.mark.parametrize("wide", [False, True])
 def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wide: bool
 ) -> None:
-    tipped = list[float]()
+    tipped, tries = list[float](), list[float]()
+
+    def pick(tools: Any, one: SeenThing, *rest: Any) -> Picked:
+        tries.append(float(one.points[0, 0]))
+        return Picked(one, why="too wide")
 
     def plan_tipping(tools: Any, one: SeenThing, picture: Any) -> float | None:
         place = float(one.points[0, 0])
         return place if place == 0.3 else None  # the other one is not flat
 
     run = learner(Bin([0.0, 0.3]), tmp_path / "run", monkeypatch)
-    monkeypatch.setattr(handling, "pick", lambda tools, one, *rest: Picked(one, why="too wide"))
+    monkeypatch.setattr(handling, "pick", pick)
+    run.tools.gripper.opening_most = -0.01 if wide else 0.115  # type: ignore[misc]
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.plan_tipping", plan_tipping)
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.tip_up", lambda tools, plan: tipped.append(plan))
     run.run()
-    assert tipped == [0.3, 0.3, 0.3]
+    # What is wider than the hand is tipped up at once, all else when it would be reported.
+    assert tipped == [0.3, 0.3, 0.3] and tries.count(0.3) == (3 + 3 if wide else 4 * 3)
     assert [one.why for one in run.state.learned] == ["too wide", "too wide"] and run.state.finished
 
 

@@ -18,7 +18,7 @@ from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling
-from twin_diagram.runs.learning.bin_view import SeenThing, save_picture
+from twin_diagram.runs.learning.bin_view import SeenThing, narrowest, save_picture
 from twin_diagram.runs.learning.camera_check import KnownFaces, correct_cameras
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.coverage import asks_for_more
@@ -174,6 +174,8 @@ class Learner:
             picture, things = handling.look_into_bin(self.tools, self.state.given_up)
             thing = min(things, key=lambda one: float(np.linalg.norm(one.middle - thing.middle)), default=thing)
             if not things:
+                return
+            if narrowest(thing) > self.tools.gripper.opening_most and self._tip(name, thing, picture):
                 return
         if picked.taken is None:
             if not self._tip(name, thing, picture):
