@@ -15,6 +15,7 @@ from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.segmentation.planes import Plane, Told, block_sums, find_plane, level_surfaces
 from twin_diagram.perception.segmentation.segmentation import Grid, segment, support_plane
 from twin_diagram.scenario.resources import models_dir
+from twin_diagram.signals.lens import Lens, unit_rays
 
 Array = npt.NDArray[np.float64]
 VIEW = camera(320, 240, 300.0)
@@ -214,3 +215,16 @@ def test_blocks_are_summed_and_what_is_left_over_is_not() -> None:
     images = np.random.default_rng(2305).normal(size=(3, 11, 14))
     wanted = images[:, :8, :12].reshape(3, 2, 4, 3, 4).sum(axis=(2, 4))
     np.testing.assert_allclose(block_sums(images, 4), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("told", [0.0, 0.12])
+def test_of_two_planes_the_one_that_was_told_may_be_somewhat_smaller(told: float) -> None:
+    """A table at 0 and a shelf at 0.12 m, the one not meant 1.3 times as large, from straight above."""
+    lens = Lens.centred(320, 240, 300.0)
+    rays = unit_rays(lens) * [1.0, -1.0, -1.0]
+    share = 0.373 if told == 0.0 else 0.5  # of the picture's columns show the table, whose pixels are larger
+    depth = np.where(np.arange(320) < round(share * 320), 1.0, 0.88) * np.ones((240, 1))
+    plane = find_plane(depth, rays, UP, lambda z: 0.0008 * z**2, Told(up=UP, height=told, middle=np.zeros(3)))
+    assert plane is not None and plane.offset == pytest.approx(told, abs=1e-3)
+    other = find_plane(depth, rays, UP, lambda z: 0.0008 * z**2, Told(up=UP))
+    assert other is not None and other.offset == pytest.approx(0.12 - told, abs=1e-3)

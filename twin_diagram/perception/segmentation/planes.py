@@ -51,7 +51,8 @@ class Tuning:
     """Patches from which planes are grown."""
 
     survivors: int = 8
-    """Planes that are grown on after the first round, those of most patches."""
+    """Planes that are grown on after the first round, those of most patches, or, where a height is told, those that it
+    makes likely: else all of them may be one and the same plane, which it makes unlikely."""
 
     reaches: tuple[float, ...] = (0.05, 0.03, 0.02, 0.012, 0.01)
     """How far off a growing plane its patches may lie, round by round [m] at the least; noise adds to it."""
@@ -322,7 +323,7 @@ def _largest(patches: _Patches, p_WC: Array, told: Told) -> tuple[Array, Mask] |
         near = np.abs(_off(patches, slopes)) < np.maximum(reach, 1.5 * patches.sigma)
         alike = slopes @ normal.T > np.cos(TUNING.patch_angle) * np.linalg.norm(slopes, axis=1, keepdims=True)
         members = near & alike
-        size = members.sum(axis=1)
+        size = members.sum(axis=1) if told.height is None else _scores(patches, members, slopes, p_WC, told)
         largest = np.sort(np.argsort(-size, kind="stable")[: TUNING.survivors])
         members = members[largest[size[largest] > 0]]
         sums = members.astype(float) @ products
@@ -332,11 +333,24 @@ def _largest(patches: _Patches, p_WC: Array, told: Told) -> tuple[Array, Mask] |
     good = _allowed(slopes, p_WC, told) & (area > TUNING.least_support)
     if not good.any():
         return None
-    score = np.where(good, area, 0.0)
-    if told.up is not None and told.height is not None:
-        score /= 1.0 + ((_height(slopes, p_WC, told) - told.height) / told.search) ** 2
-    best = int(np.argmax(score))
+    best = int(np.argmax(np.where(good, _scores(patches, members, slopes, p_WC, told), 0.0)))
     return slopes[best], members[best]
+
+
+def _scores(patches: _Patches, members: Mask, slopes: Array, p_WC: Array, told: Told) -> Array:
+    """Return the areas of planes (K,), less where they are farther from a told height.
+
+    Args:
+        patches: flat ones.
+        members: (K, N) which of them are whose.
+        slopes: (K, 3) of the planes.
+        p_WC: (3,)
+        told: prior knowledge.
+    """
+    area = members @ patches.area
+    if told.up is None or told.height is None:
+        return np.asarray(area)
+    return np.asarray(area / (1.0 + ((_height(slopes, p_WC, told) - told.height) / told.search) ** 2))
 
 
 def _refined(z: Array, r: Array, slope: Array, noise: Noise) -> Array:
