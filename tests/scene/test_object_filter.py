@@ -96,6 +96,23 @@ def test_the_learnt_scatter_is_the_true_one(truth: float) -> None:
     assert np.mean(learnt) == pytest.approx(truth**2, rel=0.15)
 
 
+@pytest.mark.parametrize(("sigmas", "moves"), [(1.5, False), (2.5, False), (6.0, True)])
+def test_what_the_arm_comes_before_shifts_within_its_claim_and_does_not_move(sigmas: float, moves: bool) -> None:
+    """Images that repeat teach that nothing scatters; an error that lasts shows once less is seen of the object."""
+    filter_ = filtered(Mode.REST)
+    for k in range(1, 61):
+        away = np.zeros(6)
+        away[4] = 0.0 if k <= 40 else sigmas * 0.01
+        filter_ = object_update.update(filter_, measured(1.0 + k / 15, away), 5.0, SETTINGS)
+        if k == 40:
+            assert filter_[FilterLayout.NOISE_SCALE] < 0.3
+        if filter_[FilterLayout.MODE] == Mode.MOVING:
+            break
+    assert (filter_[FilterLayout.MODE] == Mode.MOVING) == moves
+    if moves:
+        assert k <= 43  # the third image of it at the latest
+
+
 def test_a_moving_object_is_propagated_as_white_acceleration_says() -> None:
     """Against the matrix exponential of Van Loan (1978)."""
     filter_ = filtered(Mode.MOVING)

@@ -81,9 +81,16 @@ class Tuning:
     """No measurement scatters by less than this share of the floor, that is of the error which all measurements
     share."""
 
+    lasting_share: float = 0.5
+    """Of a variance that is claimed and does not show as scatter, this share is an error that lasts as long as what is
+    seen of the object does: when the arm comes before half of it, its pose shifts by as much, and it does not move."""
+
 
 TUNING = Tuning()
 
+
+_AVERAGING: Final = (1.0 + TUNING.trend_memory) / (1.0 - TUNING.trend_memory)
+"""The variance of unit white noise over that of its running mean."""
 
 _SLOW_START: Final = np.array([0.5**2] * 3 + [0.1**2] * 3)
 """Variances of a velocity that nobody has seen yet [rad²/s², m²/s²]."""
@@ -116,9 +123,8 @@ def update(
         return filter_
     time = measurement.time
     pose = np.concatenate([rotations.normalized(measurement.pose[:4]), measurement.pose[4:]])
-    noise = filter_[FilterLayout.NOISE_SCALE] * _symmetric(measurement.covariance) + np.diag(
-        tuning.floor * TUNING.scatter_share**2
-    )
+    claimed, scale = _symmetric(measurement.covariance), filter_[FilterLayout.NOISE_SCALE]
+    noise = scale * claimed + np.diag(tuning.floor * TUNING.scatter_share**2)
     mode = filter_[FilterLayout.MODE]
     if mode == Mode.NONE or time - filter_[FilterLayout.LAST_SEEN] > tuning.lost_after:
         return at_rest(time, pose, noise)
@@ -128,9 +134,12 @@ def update(
     if symmetric_about_z:
         pose[:4] = rotations.fold_about_z(pose[:4], predicted[:4])
     innovation = pose_difference(pose, predicted)
-    factor = np.linalg.cholesky(_symmetric(covariance[:6, :6] + noise))
+    expected = _symmetric(covariance[:6, :6] + noise)
+    lasting = TUNING.lasting_share * max(0.0, 1.0 - scale) * claimed
+    factor = np.linalg.cholesky(expected)
     whitened = solve_triangular(factor, innovation, lower=True)
-    if whitened @ whitened > TUNING.gate:
+    surprising = whitened @ whitened > TUNING.gate
+    if surprising and np.sum(_whitened(innovation, expected + lasting) ** 2) > TUNING.gate:
         return _surprised(filter_, time, pose, noise, tuning, symmetric_about_z)
 
     gain_t = solve_triangular(factor, covariance[:6, :], lower=True)  # L⁻¹ H P, so that K ν = gain_tᵀ whitened
@@ -150,7 +159,9 @@ def update(
         after[FilterLayout.NOISE_SCALE] = np.clip(filter_[FilterLayout.NOISE_SCALE] * ratio, *TUNING.noise_scales)
         after[FilterLayout.NOISE_COUNT] = count
     if mode == Mode.REST:
-        covariance = _watch_rest(after, covariance, noise, whitened)
+        # What lasts is as large in the mean as in each, what scatters is less by `_AVERAGING`.
+        trend = _whitened(innovation, expected + lasting * _AVERAGING) if lasting.any() else whitened
+        covariance = _watch_rest(after, covariance, noise, trend)
     else:
         over = (time - filter_[FilterLayout.LAST_SEEN]) / (1 - TUNING.velocity_memory)
         covariance = _watch_motion(after, covariance, tuning, np.sqrt(2 * np.diagonal(noise)) / over)
@@ -185,8 +196,7 @@ def _watch_rest(after: Array, covariance: Array, noise: Array, whitened: Array) 
     """At rest: does the mean of the innovations say that it moves slowly? Returns the covariance to go on with."""
     mean = TUNING.trend_memory * after[FilterLayout.MEAN] + (1 - TUNING.trend_memory) * whitened
     after[FilterLayout.MEAN] = mean
-    # Variance of the running mean of unit white noise is (1 − λ)/(1 + λ).
-    if mean @ mean * (1 + TUNING.trend_memory) / (1 - TUNING.trend_memory) <= TUNING.trend_gate:
+    if mean @ mean * _AVERAGING <= TUNING.trend_gate:
         return covariance
     after[FilterLayout.MODE] = Mode.MOVING
     after[FilterLayout.MEAN] = 0.0
@@ -264,6 +274,10 @@ def _surprised(
 
 def _possible(velocity: Array) -> bool:
     return bool(np.linalg.norm(velocity[:3]) <= TUNING.fastest_turn and np.linalg.norm(velocity[3:]) <= TUNING.fastest)
+
+
+def _whitened(innovation: Array, covariance: Array) -> Array:
+    return np.asarray(solve_triangular(np.linalg.cholesky(covariance), innovation, lower=True))
 
 
 def _symmetric(matrix: Array) -> Array:

@@ -23,9 +23,10 @@ from twin_diagram.runs.learning.handling import Picked, ShownObject
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.pipeline import Learner
-from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState
+from twin_diagram.runs.learning.record import SWUNG, Learned, LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done
+from twin_diagram.runs.learning.shape_worker import SHAPE
 from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
 
@@ -67,7 +68,8 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.correct_cameras", lambda *told: [])
     record = LearningRecord(folder, Scenario())
-    tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries), cameras={}, faces=None)
+    hand = SimpleNamespace(opening_most=0.115)
+    tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries), cameras={}, faces=None, gripper=hand)
     return Learner(tools, record, record.begin(), lambda text: None)
 
 
@@ -122,6 +124,28 @@ def test_an_object_put_away_gives_what_was_given_up_another_chance_once(
     assert [one.state for one in run.state.learned] == ["failed"] * 3 and isinstance(run.state, RunState)
 
 
+def test_what_was_barred_has_another_chance_when_what_lay_on_it_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bin_, barred = Bin([0.3, 0.0]), list[bool]()
+    run = learner(bin_, tmp_path / "run", monkeypatch, tries=2)
+
+    def pick(tools: Any, one: SeenThing, *rest: Any) -> Picked:
+        below = one.points[0, 0] == 0.3
+        barred.append(bool(below and 0.0 in bin_.places))
+        return Picked(one, why="barred") if barred[-1] else Picked(one, Taken(np.eye(4), 0.05, 0))
+
+    def show(tools: Any, picked: Picked) -> Any:
+        bin_.places.remove(float(picked.thing.points[0, 0]))
+        raise NothingHeld("it fell beside the bin")
+
+    monkeypatch.setattr(handling, "pick", pick)
+    monkeypatch.setattr(handling, "show_first", show)
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.plan_tipping", lambda *told: None)
+    run.run()
+    assert barred == [True, True, False, False] and not bin_.places and run.state.finished
+
+
 def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bin_ = Bin([0.0])
     run = learner(bin_, tmp_path / "run", monkeypatch)
@@ -149,6 +173,31 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
     assert LearningRecord(tmp_path / "run", Scenario()).resume().taken == 1, "a run that goes on knows it, too"
 
 
+@pytest.mark.parametrize("wide", [False, True])
+def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wide: bool
+) -> None:
+    tipped, tries = list[float](), list[float]()
+
+    def pick(tools: Any, one: SeenThing, *rest: Any) -> Picked:
+        tries.append(float(one.points[0, 0]))
+        return Picked(one, why="too wide")
+
+    def plan_tipping(tools: Any, one: SeenThing, picture: Any) -> float | None:
+        place = float(one.points[0, 0])
+        return place if place == 0.3 else None  # the other one is not flat
+
+    run = learner(Bin([0.0, 0.3]), tmp_path / "run", monkeypatch)
+    monkeypatch.setattr(handling, "pick", pick)
+    run.tools.gripper.opening_most = -0.01 if wide else 0.115  # type: ignore[misc]
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.plan_tipping", plan_tipping)
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.tip_up", lambda tools, plan: tipped.append(plan))
+    run.run()
+    # What is wider than the hand is tipped up at once, all else when it would be reported.
+    assert tipped == [0.3, 0.3, 0.3] and tries.count(0.3) == (3 + 3 if wide else 4 * 3)
+    assert [one.why for one in run.state.learned] == ["too wide", "too wide"] and run.state.finished
+
+
 def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_world_before_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,6 +216,36 @@ def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_wor
             pass
         kept = LearningRecord(tmp_path / "run", Scenario()).resume()
         assert [one.state for one in kept.learned] == [expected] and kept.world["positions"].tolist() == [1.0, 2.0]
+
+
+def test_an_object_whose_asset_fails_in_any_way_is_reported_and_the_next_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(name: str, *rest: Any) -> dict[str, Any]:
+        if name == "object_01":
+            raise np.linalg.LinAlgError("Singular matrix")
+        return {"mass": 0.4}
+
+    def weigh(*told: Any) -> None:
+        raise ValueError("no\nroot")
+
+    said = list[str]()
+    run = learner(Bin([]), tmp_path / "run", monkeypatch)
+    run.state.learned = [Learned("object_01"), Learned("object_02")]
+    for one in run.state.learned:
+        folder = run.record.fresh(one.name)
+        (folder / SHAPE).touch()
+        (folder / SWUNG).touch()
+    run._jobs = SimpleNamespace(poll=lambda: [Done(one.name, None) for one in run.state.learned])  # type: ignore[assignment]
+    run.tools, run._say = SimpleNamespace(**vars(run.tools), model=None), said.append  # type: ignore[assignment]
+    for name, what in (("read_shape", lambda f: None), ("read_swung", lambda f: None), ("inertia_of", weigh)):
+        monkeypatch.setattr(f"twin_diagram.runs.learning.finishing.{name}", what)
+    monkeypatch.setattr("twin_diagram.runs.learning.finishing.write_learned", write)
+    assert run._collect()
+    first, second = run.state.learned
+    assert (first.state, first.why) == ("failed", "LinAlgError: Singular matrix")
+    assert second.state == "finished" and second.figures == {"mass": 0.4, "not weighed": "ValueError: no root"}
+    assert said[0] == "object_01: failed, LinAlgError: Singular matrix"
 
 
 def test_no_asset_is_written_between_a_signal_and_the_arms_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -78,6 +78,11 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
     (tmp_path / "swung" / "swung.npz").write_bytes(b"")
     other = copy_scenario(Scenario())
     other.seed = 77
+    # A scenario with its author's comments, and a library of somebody's assets.
+    theirs = {"own": "scenario.yaml", "page": "gallery.html", "assets": "library/object_01/model.sdf"}
+    for folder, name in theirs.items():
+        (tmp_path / folder / name).parent.mkdir(parents=True)
+        (tmp_path / folder / name).write_text("# theirs\n")
     for call, words in (
         (LearningRecord(tmp_path / "run", other).resume, "another scenario"),
         (LearningRecord(tmp_path / "none", Scenario()).resume, "no run to go on with"),
@@ -86,6 +91,9 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
         (LearningRecord(tmp_path / "run" / "state.npz" / "x", Scenario()).begin, "--out"),
         (LearningRecord(tmp_path / "theirs", Scenario()).begin, "events.jsonl is of something else"),
         (LearningRecord(tmp_path / "swung", Scenario()).begin, "swung.npz is of something else"),
+        (LearningRecord(tmp_path / "own", Scenario()).begin, "scenario.yaml is of something else"),
+        (LearningRecord(tmp_path / "page", Scenario()).begin, "gallery.html is of something else"),
+        (LearningRecord(tmp_path / "assets", Scenario()).begin, "library/object_01 is of something else"),
         (lambda: filled(tmp_path / "more")[1].named("object_09"), "object_01"),
     ):
         with pytest.raises(LearningError, match=words) as error:
@@ -93,6 +101,7 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
         assert "\n" not in str(error.value)
     assert not (tmp_path / "none").exists()
     assert [path.name for path in (tmp_path / "theirs").iterdir()] == ["events.jsonl"]
+    assert all((tmp_path / folder / name).read_text() == "# theirs\n" for folder, name in theirs.items())
 
 
 @pytest.mark.parametrize(

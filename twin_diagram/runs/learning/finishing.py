@@ -14,8 +14,41 @@ from twin_diagram.assets.building.from_mesh import AssetPlace, build_from_triang
 from twin_diagram.assets.building.inertia import solid_of
 from twin_diagram.assets.building.measured import MeasuredInertia, from_shape_alone
 from twin_diagram.assets.building.surface import weld
+from twin_diagram.errors import TwinError
+from twin_diagram.model.model import Model
 from twin_diagram.runs.learning.handling import ShownObject
+from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, plain
+from twin_diagram.runs.learning.shape_worker import SHAPE, read_shape
+from twin_diagram.runs.learning.weighing import inertia_of, read_swung
 from twin_diagram.signals.arrays import Array
+
+
+def finish(record: LearningRecord, one: Learned, model: Model) -> None:
+    """Write an object's asset from shape and torques in its folder; what is wrong is noted in `one`, whatever it is."""
+    folder: Path = record.of(one.name)
+    try:
+        if not (folder / SHAPE).is_file():
+            raise TwinError("it has no shape yet")
+        shape, measured = read_shape(folder), None
+        if (folder / SWUNG).is_file():
+            empty = record.folder / SWUNG
+            try:
+                measured = inertia_of(
+                    model, read_swung(folder / SWUNG), read_swung(empty) if empty.is_file() else None, shape
+                )
+            except Exception as error:  # of logs, files, solvers: its shape is still worth an asset
+                one.figures["not weighed"] = _in_words(error)
+        figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured)
+        one.figures = {**one.figures, **plain(figures)}
+        one.state = "finished"
+    except Exception as error:  # of meshes, textures, files: the other objects go on
+        one.state, one.why = "failed", _in_words(error)
+
+
+def _in_words(error: Exception) -> str:
+    """Return what went wrong in a line; what is no `TwinError` says little without its kind."""
+    told = " ".join(str(error).split())
+    return told if isinstance(error, TwinError) else f"{type(error).__name__}: {told}".removesuffix(": ")
 
 
 def write_learned(

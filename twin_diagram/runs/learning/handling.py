@@ -83,7 +83,10 @@ PLATFORM: Final = "platform"
 
 @dataclass(frozen=True)
 class Tools:
-    """What handling needs: cell, planner, the arm's shapes, the gripper's figures, cameras, what stands still."""
+    """What handling needs: cell, planner, the arm's shapes, the gripper's figures, cameras, what stands still.
+
+    `model`: of the arm as its torques are measured; `driven`: with its rotors, as its motors drive it.
+    """
 
     cell: Cell
     mover: Mover
@@ -92,6 +95,7 @@ class Tools:
     learning: Learning
     home: Array
     model: Model
+    driven: Model
     cameras: Mapping[str, Camera]
     faces: KnownFaces
 
@@ -285,7 +289,7 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     with tools.mover.blocked(low, np.array([*high[:2], low[2] + TUNING.tallest])):
         try:
             swung, shown.swung, mass = swing_held(
-                tools.model, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
+                tools.model, tools.driven, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
             )
         except Slipping:
             _find_turned(tools, shown)

@@ -274,14 +274,23 @@ class Mover:
         start = self.tool(q)
         distance = float(np.linalg.norm(X_WT[:3, 3] - start[:3, 3]))
         count = max(2, int(np.ceil(distance / TUNING.line_step)))
+        line = self.through(q, [_between(start, X_WT, k / count) for k in range(1, count + 1)])
+        if clearance is not None and not self.free(line[1:], clearance, standing=False).all():
+            raise NoWay("something is in the way of a straight line of the tool")
+        return line
+
+    def through(self, q: Array, poses: Sequence[Array]) -> Array:
+        """Return (W, n) joint angles from `q` through poses of the tool (4, 4) that lie close to each other.
+
+        Raises:
+            NoWay: a joint's limit, or another branch.
+        """
         rows = [q]
-        for k in range(1, count + 1):
-            rows.append(self._stepped(rows[-1], _between(start, X_WT, k / count)))
+        for X_WT in poses:
+            rows.append(self._stepped(rows[-1], X_WT))
         line = np.array(rows)
         if np.abs(np.diff(line, axis=0)).max() > TUNING.line_jump:
             raise NoWay("no straight line of the tool: the arm would have to turn over")
-        if clearance is not None and not self.free(line[1:], clearance, standing=False).all():
-            raise NoWay("something is in the way of a straight line of the tool")
         return line
 
     def _stepped(self, q: Array, X_WT: Array) -> Array:

@@ -18,13 +18,13 @@ from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling
-from twin_diagram.runs.learning.bin_view import SeenThing, save_picture
+from twin_diagram.runs.learning.bin_view import SeenThing, narrowest, save_picture
 from twin_diagram.runs.learning.camera_check import KnownFaces, correct_cameras
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
-from twin_diagram.runs.learning.finishing import figures_of, seen_so_far, write_learned
+from twin_diagram.runs.learning.finishing import figures_of, finish, seen_so_far
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
@@ -33,8 +33,8 @@ from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, Ru
 from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
-from twin_diagram.runs.learning.shape_worker import FRAMES, SHAPE, read_shape
-from twin_diagram.runs.learning.weighing import inertia_of, read_swung
+from twin_diagram.runs.learning.shape_worker import FRAMES
+from twin_diagram.runs.learning.tipping import plan_tipping, tip_up
 from twin_diagram.runtime import stopping
 from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
@@ -70,9 +70,11 @@ def tools_of(scenario: Scenario, learning: Learning) -> Tools:
     cell = Cell(scenario)
     model = Model.load(twin.arm, packages, torque_side=twin.driver.torque_side)
     mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
+    driven = model if twin.driver.torque_side == "motor" else Model.load(twin.arm, packages, torque_side="motor")
     home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
     faces = KnownFaces.of([solid for _, solids in fixture_solids(twin.fixtures, packages) for solid in solids])
-    return Tools(cell, mover, RobotShape(twin.arm, packages), gripper, learning, home, model, twin.cameras, faces)
+    robot = RobotShape(twin.arm, packages)
+    return Tools(cell, mover, robot, gripper, learning, home, model, driven, twin.cameras, faces)
 
 
 class Learner:
@@ -90,7 +92,7 @@ class Learner:
         self.tools, self.record, self.state, self._say = tools, record, state, say
         self._jobs = ShapeJobs()
         self._begun, self._handled = time.monotonic(), 0
-        self._left = 0
+        self._left, self._tipped = 0, 0
         self._made: list[Done] = []
         self._in_bin = True
 
@@ -173,10 +175,24 @@ class Learner:
             thing = min(things, key=lambda one: float(np.linalg.norm(one.middle - thing.middle)), default=thing)
             if not things:
                 return
+            if narrowest(thing) > self.tools.gripper.opening_most and self._tip(name, thing, picture):
+                return
         if picked.taken is None:
-            self._report(picture, thing, picked.why)
+            if not self._tip(name, thing, picture):
+                self._report(picture, thing, picked.why)
             return
+        self._tipped = 0
         self._learn(name, picked)
+
+    def _tip(self, name: str, thing: SeenThing, picture: Picture) -> bool:
+        """Tip up what lies flat and cannot be taken, a few times at most; whether that was tried."""
+        plan = plan_tipping(self.tools, thing, picture) if self._tipped < self.tools.learning.tries else None
+        if plan is None:
+            return False
+        with self._stage(name, "tip up"):
+            tip_up(self.tools, plan)
+        self._tipped += 1
+        return True
 
     def _learn(self, name: str, picked: Picked) -> None:
         """Show, weigh and put away what was picked, and have its shape made."""
@@ -219,8 +235,9 @@ class Learner:
         if one.standing:
             self.state.taken += 1
             self.state.failed_at = []
-        else:
-            self._note_failure(one, picked.thing.middle)
+        elif not self._note_failure(one, picked.thing.middle):
+            # It may have fallen elsewhere, and bars nothing any more.
+            self.state.taken += any(other.state == "reported" for other in self.state.learned)
         self._handled += 1
         one.grasps = len(shown.X_ST)
         one.figures |= plain(figures_of(shown))
@@ -297,18 +314,20 @@ class Learner:
         except NoWay as why:  # the next look into the bin tries the way home again, and ends the run if there is none
             one.why += f"; then the arm could not go home: {why}"
 
-    def _note_failure(self, one: Learned, place: Array) -> None:
-        """Count a failure of what lay at a place (3,) in W; after `tries` of them it is left where it lies.
+    def _note_failure(self, one: Learned, place: Array) -> bool:
+        """Count a failure of what lay at a place (3,) in W; after `tries` of them it is left there; whether it is.
 
         What falls back into the bin may roll: after many failures in all each place is left at its first.
         """
         tries, failed = self.tools.learning.tries, self.state.failed_at
         failed.append(place.tolist())
         here = np.linalg.norm(np.array(failed) - place, axis=1) <= handling.TUNING.same_place
-        if here.sum() >= tries or len(failed) >= TUNING.rolling * tries:
+        left = bool(here.sum() >= tries or len(failed) >= TUNING.rolling * tries)
+        if left:
             self.state.given_up.append(place.tolist())
             self.record.event(object=one.name, stage="give up", why=one.why)
             self._say(f"{one.name}: {one.why}; what lies there is left in the bin")
+        return left
 
     def _report(self, picture: Picture, thing: SeenThing, why: str) -> None:
         """Note something that cannot be taken, with a picture."""
@@ -336,7 +355,7 @@ class Learner:
             self.record.event(
                 object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {})
             )
-            self._say(f"{one.name}: {one.state}, {self.record.library / one.name}")
+            self._say(f"{one.name}: {one.state}, {one.why or self.record.library / one.name}")
         return bool(ready)
 
     def _wait(self) -> None:
@@ -376,25 +395,3 @@ class Learner:
         """Return how long the bin's objects will take, by those so far [s of wall clock]."""
         each = (time.monotonic() - self._begun) / self._handled if self._handled else TUNING.usual
         return each * self._left
-
-
-def finish(record: LearningRecord, one: Learned, model: Model) -> None:
-    """Write an object's asset from shape and torques in its folder; what is wrong is noted in `one`."""
-    folder: Path = record.of(one.name)
-    try:
-        if not (folder / SHAPE).is_file():
-            raise TwinError("it has no shape yet")
-        shape, measured = read_shape(folder), None
-        if (folder / SWUNG).is_file():
-            empty = record.folder / SWUNG
-            try:
-                measured = inertia_of(
-                    model, read_swung(folder / SWUNG), read_swung(empty) if empty.is_file() else None, shape
-                )
-            except (TwinError, np.linalg.LinAlgError) as error:
-                one.figures["not weighed"] = str(error)
-        figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured)
-        one.figures = {**one.figures, **plain(figures)}
-        one.state = "finished"
-    except TwinError as error:
-        one.state, one.why = "failed", str(error)

@@ -90,7 +90,7 @@ class RunState:
         world: of `Cell.snapshot`.
         sim_time: simulated so far [s].
         finished: the bin is empty, or holds only what was reported.
-        taken: things put away since what was given up last had another chance.
+        taken: things put away, or lost beside what was reported, since what was given up last had another chance.
     """
 
     learned: list[Learned] = field(default_factory=list)
@@ -174,11 +174,24 @@ class LearningRecord:
         if (self.folder / STATE).exists():
             raise LearningError(f"--out {self.folder}: there is a run in it; --resume goes on with it")
         # Of a run that was killed before its first state events and scenario are there; no arm was swung by then.
-        begun = (self.folder / SCENARIO).exists()
-        for name in (SWUNG,) if begun else (SWUNG, EVENTS):
-            if (self.folder / name).exists():
-                raise LearningError(f"--out {self.folder}: its {name} is of something else; give another --out")
+        begun = (self.folder / SCENARIO).exists() and self._is_of_this()
+        for name in (SWUNG, GALLERY) if begun else (SWUNG, GALLERY, EVENTS, SCENARIO):
+            self._refuse(self.folder / name)
+        for parent in (self.folder / OBJECTS, self.library):
+            for path in sorted(parent.glob("*")):
+                if OBJECT.fullmatch(path.name):
+                    self._refuse(path)
         self._check_room()
+
+    def _is_of_this(self) -> bool:
+        """Return whether the folder's scenario is that of this run."""
+        return (self.folder / SCENARIO).read_text(encoding="utf-8", errors="replace") == self._told
+
+    def _refuse(self, path: Path) -> None:
+        """Refuse a folder in which something is that this run would write over."""
+        if path.exists():
+            name = path.relative_to(self.folder)
+            raise LearningError(f"--out {self.folder}: its {name} is of something else; give another --out")
 
     def check_kept(self) -> None:
         """Refuse a folder without a run of this scenario that can go on.
@@ -191,7 +204,7 @@ class LearningRecord:
         if why := why_not(self.folder, folder=True):
             raise LearningError(f"--out {self.folder}: {why}")
         self._check_room()
-        if (self.folder / SCENARIO).read_text(encoding="utf-8", errors="replace") != self._told:
+        if not self._is_of_this():
             raise LearningError(f"--out {self.folder}: a run of another scenario; give it that one, or another --out")
 
     def resume(self) -> RunState:

@@ -13,8 +13,9 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.runs.learning.cell import Observer, told_camera
 from twin_diagram.runs.learning.contact_count import ContactCount, Watchers
+from twin_diagram.runs.learning.finishing import finish
 from twin_diagram.runs.learning.gallery import write_gallery
-from twin_diagram.runs.learning.pipeline import Learner, finish, tools_of
+from twin_diagram.runs.learning.pipeline import Learner, tools_of
 from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.shape_worker import FRAMES, make_shape
 from twin_diagram.runtime import stopping

@@ -181,7 +181,7 @@ def best_motion(
     """Return the motion that tells most of an object, as far as it was seen.
 
     Args:
-        model: the arm.
+        model: the arm with its rotors (motor side), whose motors' torques are limited.
         mover: knows what is held.
         posture: (n,) about which it swings [rad].
         X_TS: (4, 4) of the object's S in the tool.
@@ -225,12 +225,13 @@ def share_of(grip: Grip, mass: float, centre_T: Array) -> float:
 
 
 def swing_held(
-    model: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, seconds: float
+    model: Model, driven: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, seconds: float
 ) -> tuple[Swung, Excitation, float]:
     """Swing what is held; return the arm's messages, the motion, and the mass that was first thought of [kg].
 
     Args:
-        model: the arm.
+        model: the arm as its torques are measured.
+        driven: the same with its rotors (motor side).
         mover: knows what is held.
         cell: whose arm holds it.
         X_TS: (4, 4) of the object's S in the tool.
@@ -243,7 +244,7 @@ def swing_held(
     """
     posture = swing_posture(mover, cell)
     mass = first_mass(model, cell)
-    motion = best_motion(model, mover, posture, X_TS, points_S, cell, seconds, mass)
+    motion = best_motion(driven, mover, posture, X_TS, points_S, cell, seconds, mass)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
     return Swung(swing(cell, motion, model.joints, "loaded"), cell.fingers, X_TS), motion, mass
 
