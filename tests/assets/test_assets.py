@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -238,7 +239,7 @@ def test_a_measured_cloud_is_used_where_there_is_one(tmp_path: Path) -> None:
     assert len(Asset.load(path).points_O) == 200
 
 
-def _ball() -> dict[str, np.ndarray]:
+def _ball() -> dict[str, Any]:
     """A measured cloud of a ball of 0.1 m."""
     rng = np.random.default_rng(0)
     normals = rng.standard_normal((200, 3))
