@@ -251,7 +251,7 @@ def test_a_cloud_by_others_is_taken_with_each_point_once_and_normals_of_length_1
     path, ball = write_box(tmp_path / "box", "box", (0.1, 0.1, 0.1)), _ball()
     np.savez(path / "cloud.npz", **ball)
     own = Asset.load(path)
-    twice = {name: np.concatenate([array, array[::-1]]) for name, array in ball.items()}
+    twice: dict[str, Any] = {name: np.concatenate([array, array[::-1]]) for name, array in ball.items()}
     np.savez(path / "cloud.npz", **{**twice, "normals": 3.0 * twice["normals"]})
     theirs = Asset.load(path)
     assert np.array_equal(theirs.points_O, own.points_O) and np.array_equal(theirs.colours, own.colours)
