@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -238,7 +239,7 @@ def test_a_measured_cloud_is_used_where_there_is_one(tmp_path: Path) -> None:
     assert len(Asset.load(path).points_O) == 200
 
 
-def _ball() -> dict[str, np.ndarray]:
+def _ball() -> dict[str, Any]:
     """A measured cloud of a ball of 0.1 m."""
     rng = np.random.default_rng(0)
     normals = rng.standard_normal((200, 3))
@@ -250,11 +251,25 @@ def test_a_cloud_by_others_is_taken_with_each_point_once_and_normals_of_length_1
     path, ball = write_box(tmp_path / "box", "box", (0.1, 0.1, 0.1)), _ball()
     np.savez(path / "cloud.npz", **ball)
     own = Asset.load(path)
-    twice = {name: np.concatenate([array, array[::-1]]) for name, array in ball.items()}
+    twice: dict[str, Any] = {name: np.concatenate([array, array[::-1]]) for name, array in ball.items()}
     np.savez(path / "cloud.npz", **{**twice, "normals": 3.0 * twice["normals"]})
     theirs = Asset.load(path)
     assert np.array_equal(theirs.points_O, own.points_O) and np.array_equal(theirs.colours, own.colours)
     np.testing.assert_allclose(theirs.normals_O, own.normals_O, atol=1e-12)
+
+
+def test_a_cloud_in_order_or_very_dense_is_mixed_and_thinned(tmp_path: Path) -> None:
+    path, ball = write_box(tmp_path / "box", "box", (0.1, 0.1, 0.1)), _ball()
+    dense = np.random.default_rng(1).standard_normal((50_000, 3))
+    dense = 0.05 * dense / np.linalg.norm(dense, axis=1, keepdims=True)
+    for points, count in ((ball["points"], 200), (dense, 20_000)):
+        points = points[np.argsort(points[:, 0])]
+        np.savez(path / "cloud.npz", points=points, normals=20.0 * points, colours=np.abs(points))
+        asset = Asset.load(path)
+        assert asset.points_O.shape == (count, 3)
+        np.testing.assert_allclose(asset.normals_O, 20.0 * asset.points_O)
+        # The first points are from all over the surface, not from one end of it.
+        assert np.ptp(asset.points_O[:50, 0]) > 0.08
 
 
 @pytest.mark.parametrize(
