@@ -234,11 +234,43 @@ def test_impossible_objects_are_refused(tmp_path: Path, bad: dict[str, object]) 
 
 def test_a_measured_cloud_is_used_where_there_is_one(tmp_path: Path) -> None:
     path = write_box(tmp_path / "box", "box", (0.1, 0.1, 0.1))
+    np.savez(path / "cloud.npz", **_ball())
+    assert len(Asset.load(path).points_O) == 200
+
+
+def _ball() -> dict[str, np.ndarray]:
+    """A measured cloud of a ball of 0.1 m."""
     rng = np.random.default_rng(0)
     normals = rng.standard_normal((200, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    np.savez(path / "cloud.npz", points=0.05 * normals, normals=normals, colours=rng.random((200, 3)))
-    assert len(Asset.load(path).points_O) == 200
+    return {"points": 0.05 * normals, "normals": normals, "colours": rng.random((200, 3))}
+
+
+def test_a_cloud_by_others_is_taken_with_each_point_once_and_normals_of_length_1(tmp_path: Path) -> None:
+    path, ball = write_box(tmp_path / "box", "box", (0.1, 0.1, 0.1)), _ball()
+    np.savez(path / "cloud.npz", **ball)
+    own = Asset.load(path)
+    twice = {name: np.concatenate([array, array[::-1]]) for name, array in ball.items()}
+    np.savez(path / "cloud.npz", **{**twice, "normals": 3.0 * twice["normals"]})
+    theirs = Asset.load(path)
+    assert np.array_equal(theirs.points_O, own.points_O) and np.array_equal(theirs.colours, own.colours)
+    np.testing.assert_allclose(theirs.normals_O, own.normals_O, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "word"),
+    [
+        ("points", 1000.0, "metres"),
+        ("points", 0.0, "1 different"),
+        ("colours", 255.0, "0 to 1"),
+        ("normals", 0.0, "no length"),
+    ],
+)
+def test_clouds_in_other_units_are_refused(tmp_path: Path, name: str, factor: float, word: str) -> None:
+    path, ball = write_box(tmp_path / "box", "box", (0.1, 0.1, 0.1)), _ball()
+    np.savez(path / "cloud.npz", **{**ball, name: factor * ball[name]})
+    with pytest.raises(AssetError, match=word):
+        Asset.load(path)
 
 
 def test_a_mugs_contact_shapes_are_hollow_and_keep_to_its_surface(tmp_path: Path) -> None:

@@ -150,7 +150,10 @@ def test_remove_takes_its_own_files_and_no_other(library: Path, capfd: pytest.Ca
     assert [p.name for p in (library / "box").rglob("*")] == ["pieces", "mine.txt"]
     assert said(capfd, "remove", "can", "--library", library)[0] == 0
     assert not (library / "can").exists()
-    assert said(capfd, "list", "--library", library) == (0, "", "")
+    assert said(capfd, "list", "--library", library) == (0, "", f"note: {library} holds no asset\n")
+    for way in ("list", "check"):
+        missing = library / "missing"
+        assert said(capfd, way, "--library", missing) == (2, "", f"error: --library {missing}: no such folder\n")
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,12 @@ def test_polygons_become_fans(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.normals, np.tile([0, 0, 1.0], (5, 1)))
 
 
+def test_remarks_may_follow_numbers(tmp_path: Path) -> None:
+    said = written(tmp_path, SQUARE.replace("\n", " # a corner\n") + "vt 0 0 # of all\nf 1/1 2/1 3/1 4/1 #5\n")
+    plain = written(tmp_path, SQUARE + "vt 0 0\nf 1/1 2/1 3/1 4/1\n")
+    np.testing.assert_array_equal(said.vertices[said.faces], plain.vertices[plain.faces])
+
+
 def test_missing_normals_lean_to_the_larger_triangle(tmp_path: Path) -> None:
     """Each vertex has the mean of its triangles' normals, weighed by area."""
     mesh = written(tmp_path, "v 5 6 7\nv 9 6 7\nv 5 7 7\nv 5 6 9\nf 1 2 3\nf 1 3 4\n")

@@ -15,6 +15,7 @@ from twin_diagram.logs import read_log, write_log
 from twin_diagram.logs.column_map import column_map, parse
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.logs.presets import PRESETS
+from twin_diagram.logs.torque_constants import TorqueConstants
 
 SAMPLES = 20
 
@@ -162,6 +163,42 @@ def test_the_line_of_names_may_be_a_comment(mark: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(log.motor_torque, tau)
 
 
+def test_samples_that_lack_something_are_left_out_and_told(tmp_path: Path) -> None:
+    """As recorders write signals of several rates: what came with another one is empty."""
+    t, q, _, tau = motion(2)
+    columns: dict[str, Any] = {"time": t, "q0": q[:, 0], "q1": q[:, 1], "t0": tau[:, 0], "t1": list(tau[:, 1])}
+    for k, nothing in ((3, ""), (4, "null"), (9, "NaN")):
+        columns["t1"][k] = nothing
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(GOOD))
+    log = read_log(table(tmp_path / "a.csv", columns), tmp_path / "map.yaml")
+    kept = np.delete(np.arange(SAMPLES), [3, 4, 9])
+    np.testing.assert_allclose(log.position, q[kept])
+    np.testing.assert_allclose(log.time, t[kept] - t[0], atol=1e-12)
+    assert log.notes == (
+        f"{tmp_path / 'a.csv'}: left out 3 of {SAMPLES} samples, which lack something, most often 't1', in 3",
+    )
+    columns["q0"] = [""] * SAMPLES
+    with pytest.raises(LogError, match=f"each of {SAMPLES} samples lacks .* most often 'q0'"):
+        read_log(table(tmp_path / "a.csv", columns), tmp_path / "map.yaml")
+    columns["q0"] = [*q[:-1, 0], "inf"]
+    with pytest.raises(LogError, match=f"line {SAMPLES + 1}: position_measured.a is inf"):
+        read_log(table(tmp_path / "a.csv", columns), tmp_path / "map.yaml")
+
+
+def test_currents_without_constants_wait_for_them(tmp_path: Path) -> None:
+    """A preset of currents goes with `--torque-constants`, too."""
+    t, q, _, tau = motion(2)
+    columns = {"time": t, "q0": q[:, 0], "q1": q[:, 1], "t0": 1e3 * tau[:, 0] / 11.0, "t1": 1e3 * tau[:, 1] / 7.5}
+    meaning = {**GOOD, "torque_measured": {"column": "t{i}", "unit": "mA"}}
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(meaning))
+    log = read_log(table(tmp_path / "a.csv", columns), tmp_path / "map.yaml")
+    with pytest.raises(LogError, match="holds currents; --torque-constants"):
+        _ = log.motor_torque
+    with pytest.raises(LogError, match="torque_measured: torque_constant: is missing"):
+        parse({**meaning, "torque_commanded": {"column": "t{i}"}}, "map.yaml")
+    np.testing.assert_allclose(TorqueConstants((11.0, 7.5)).applied(log, ["a", "b"]).motor_torque, tau)
+
+
 GOOD: dict[str, Any] = {
     "joints": ["a", "b"],
     "position_measured": {"column": "q{i}"},
@@ -172,7 +209,7 @@ GOOD: dict[str, Any] = {
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"torque_measured": {"column": "i{i}", "unit": "A"}}, "torque_constant: is missing"),
+        ({"torque_measured": {"column": "i{i}", "unit": ["A", "N·m"]}}, "torque_constant: is missing"),
         ({"torque_measured": {"column": "i{i}", "unit": "A", "torque_constant": [1.0]}}, "has 1 entries"),
         ({"torque_measured": {"column": "i{i}", "unit": "A", "torque_constant": -2.0}}, "not positive"),
         ({"torque_measured": {"column": "i{i}", "torque_constant": 2.0}}, "goes with a current"),

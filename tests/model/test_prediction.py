@@ -12,6 +12,7 @@ from twin_diagram import scenario
 from twin_diagram.errors import LogError, ModelError
 from twin_diagram.logs import Log, read_columns, read_log, write_log
 from twin_diagram.logs.differentiation import inner, lowpass, motion
+from twin_diagram.logs.measured_log import SIGNALS
 from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import (
     load_model_for,
@@ -251,6 +252,19 @@ def test_of_a_log_that_is_all_ends_no_misfit_is_told(tmp_path: Path, truth: Log)
     said: list[str] = []
     predict("arms/panda.urdf", tmp_path / "log.csv", tmp_path / "p.csv", say=said.append)
     assert len(said) == 1 and "too short" in said[0]
+
+
+def test_what_nobody_logged_is_no_misfit(tmp_path: Path, truth: Log) -> None:
+    """A spline through half a second of silence was told as ten times the misfit that there is."""
+    said: dict[str, list[str]] = {"whole": [], "parted": []}
+    silent = (truth.time > 0.4) & (truth.time < 0.9)
+    cut = {name: values[~silent] for name in SIGNALS.values() if (values := getattr(truth, name)) is not None}
+    logs = {"whole": truth.between(0.9, 10.0), "parted": replace(truth, time=truth.time[~silent], **cut)}
+    for name, log in logs.items():
+        write_log(log, tmp_path / "log.csv")
+        predict("arms/panda.urdf", tmp_path / "log.csv", tmp_path / "p.csv", say=said[name].append)
+    assert said["parted"][0].endswith("the longest stretch without a gap:")
+    assert said["parted"][1:] == said["whole"]
 
 
 def test_bad_input_leaves_nothing_behind(tmp_path: Path, truth: Log) -> None:

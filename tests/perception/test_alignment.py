@@ -55,6 +55,16 @@ def test_depth_of_a_camera_of_its_own_comes_onto_the_colours_grid() -> None:
     assert np.abs(seen[post & near] - wanted[post & near]).max() < 0.004 and near[post].mean() > 0.95
 
 
+@pytest.mark.parametrize("slim", [(60.0, 120.0), (120.0, 60.0)])
+def test_pixels_that_are_not_square_leave_no_holes(slim: tuple[float, float]) -> None:
+    """Each of four by two or two by four of the colours' pixels; about the grid's rim depth ends."""
+    lens = Lens(40, 40, *slim, 19.5, 19.5)
+    grid = DepthGrid.of(lens, np.eye(3), np.zeros(3), Lens(80, 80, 240.0, 240.0, 39.5, 39.5))
+    warped = grid.warped(np.full((40, 40), 1.0, dtype=np.float32))
+    reach = [min(40, int(19 * 240.0 / f)) for f in slim]
+    assert (warped[40 - reach[1] : 40 + reach[1], 40 - reach[0] : 40 + reach[0]] == 1.0).all()
+
+
 def test_the_nearest_of_several_points_wins() -> None:
     lens, target = Lens.centred(9, 1, 10.0), Lens.centred(3, 1, 3.0)
     grid = DepthGrid.of(lens, np.eye(3), np.zeros(3), target)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from tests.synthetic_scene import camera
+from twin_diagram.perception import calibration
 from twin_diagram.perception.calibration import CalibrationEstimate, KnownSurface, calibrate, corrected
 from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.pinhole import Pinhole
@@ -149,3 +150,22 @@ def test_a_camera_is_corrected_by_its_errors() -> None:
     np.testing.assert_allclose(view.p_WC - TOLD.p_WC, [0.1, 0.2, 0.3])
     assert factor == 0.8 and (view.fx, view.fy) == (151.5, 151.5)
     assert view.centre == (TOLD.centre[0] + 2.0, TOLD.centre[1] - 3.0) and view.focal == 151.5
+
+
+def test_the_cost_by_which_places_of_rest_are_compared_falls_as_the_steps_say() -> None:
+    """Tukey's loss and the prior, weighed against each other as in the equations that led there."""
+    centres = np.array([[0.45, -0.2, 0.2], [0.6, 0.2, 0.3], [0.5, 0.0, 0.4]])
+    surfaces = [replace(one, place_std=0.0) for one in seen(TOLD, centres, np.zeros((120, 160)), 1.0, 0)]
+    together, prior = calibration.pixels_together(surfaces, TOLD.width), SHEET.variances
+    at = 0.5 * np.sqrt(prior) * np.random.default_rng(3).standard_normal(10)
+
+    def cost(errors: Array) -> float:
+        return calibration._cost(surfaces, together, corrected(TOLD, errors), errors, prior)
+
+    view, wanted = corrected(TOLD, at), -at / prior
+    for surface, alike in zip(surfaces, together, strict=True):
+        wanted = wanted + calibration._normal_equations(surface, view, alike, 0.0)[1]
+    steps = 1e-4 * np.sqrt(prior) * np.eye(10)
+    slope = np.array([(cost(at + step) - cost(at - step)) / 2e-4 for step in steps])
+    np.testing.assert_allclose(slope, -wanted * np.sqrt(prior), rtol=0.03, atol=0.03 * np.abs(slope).max())
+    assert np.abs(wanted + at / prior).max() > 1.0

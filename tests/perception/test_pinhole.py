@@ -9,6 +9,7 @@ from pydrake.math import RollPitchYaw
 
 from twin_diagram.perception.pinhole import Pinhole, back_project, surface_at
 from twin_diagram.scenario import Camera, Pose
+from twin_diagram.signals.lens import Lens, unit_rays
 
 Array = npt.NDArray[np.float64]
 VIEW = Pinhole.from_scenario(Camera(X_WC=Pose([0.3, -0.2, 1.1], [2.8, 0.2, 0.4]), width=33, height=24, focal=41.0))
@@ -71,6 +72,20 @@ def test_normals_are_differences_towards_the_camera() -> None:
     np.testing.assert_allclose(places, points[row, column], atol=1e-12)
     for r, c, normal in zip(row, column, found, strict=True):
         np.testing.assert_allclose(normal, normal_of(points, valid, int(r), int(c)), atol=1e-6)
+
+
+@pytest.mark.parametrize(("width", "focal", "away"), [(640, 600.0, 2.5), (320, 300.0, 1.5), (160, 150.0, 1.0)])
+@pytest.mark.parametrize("lean", [0.0, 0.8, 1.05])
+def test_a_wall_that_leans_has_its_normal_however_wide_pixels_are_there(
+    width: int, focal: float, away: float, lean: float
+) -> None:
+    """Every second pixel of a coarse or far image is farther from its neighbours than 2 cm."""
+    rays = np.ascontiguousarray(unit_rays(Lens.centred(width, width * 3 // 4, focal))[::2, ::2])
+    n = np.array([np.sin(lean), 0.0, -np.cos(lean)])
+    depth = (-away * np.cos(lean) / (rays @ n)).astype(np.float32)
+    row, column = (np.ravel(part) + size // 2 for part, size in zip(np.mgrid[-4:5, -4:5], depth.shape, strict=True))
+    _, found = surface_at(depth, rays, (row, column), np.zeros(3))
+    np.testing.assert_allclose(found, np.broadcast_to(n, found.shape), atol=1e-3)
 
 
 def test_where_neighbours_tell_nothing_the_normal_is_the_line_of_sight() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,15 @@ def test_states_follow_the_true_motion(model: Model, velocities: bool) -> None:
     error = np.sqrt(np.mean((states[100:, 2:] - truth[100:, 2:]) ** 2))
     assert error < (1e-3 if velocities else 4e-3)
     assert [label.split(".")[0] for label in ekf.labels(log.joints)] == ["viscous_friction"] * 2
+
+
+@pytest.mark.parametrize("velocities", [True, False])
+def test_a_log_may_begin_before_zero(model: Model, velocities: bool) -> None:
+    """Its times may be counted from a trigger: every message counted as none, and all states were zeros."""
+    log, _ = recorded(model, velocities, count=60)
+    _, expected = filter_log(model, log, [])
+    _, states = filter_log(model, replace(log, time=log.time - 3.0), [])
+    np.testing.assert_allclose(states, expected, atol=1e-9)
 
 
 def test_messages_are_given_as_they_came(model: Model) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -28,6 +30,18 @@ def test_only_its_parts_are_replaced_where_they_are_named(tmp_path: Path) -> Non
         assert aside.parent == tmp_path
         (aside / "own").write_text("changed")
     assert tree(tmp_path) == {"kept": "kept", "own": "changed"}
+
+
+def test_a_full_disk_is_told_with_the_files_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system names none."""
+
+    def full(path: Path, content: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        atomic_file.write(tmp_path / "summary.json", "x")
+    assert caught.value.filename == str(tmp_path / "summary.json")
 
 
 def test_what_is_cut_off_is_known_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

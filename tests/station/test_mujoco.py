@@ -14,14 +14,15 @@ LINK = (
 JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="0 0 1"/>{}</joint>'
 
 
-def test_limits_are_the_joints_own_however_the_file_lists_them(tmp_path: Path) -> None:
+@pytest.mark.parametrize("silent", ["", '<limit effort="0" velocity="0"/>'])
+def test_limits_are_the_joints_own_however_the_file_lists_them(tmp_path: Path, silent: str) -> None:
     pytest.importorskip("mujoco", reason="needs the `demo` extra")
     from twin_diagram.station.mujoco import MujocoArm, Secret
 
     limit = '<limit lower="-1" upper="1" effort="{}" velocity="1"/>'.format
     joints = [
         JOINT.format("tip", "revolute", "b", "c", limit(7)),
-        JOINT.format("middle", "continuous", "a", "b", ""),
+        JOINT.format("middle", "continuous", "a", "b", silent),
         JOINT.format("first", "prismatic", "base", "a", limit(50)),
     ]
     file = tmp_path / "arm.urdf"

@@ -63,6 +63,7 @@ class Told(LeafSystem):
 def test_a_controller_of_ones_own_moves_the_arm() -> None:
     scenario = small_scenario(*BLIND)
     loop = make_closed_loop(scenario, controller=Nod(scenario.twin.home))
+    assert len(repr(loop)) < 500 and loop.model.joints[0] in repr(loop.twin)  # a notebook shows it
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(0.75)
     twin = loop.twin.diagram

@@ -24,8 +24,9 @@ def model() -> Model:
     return Model.load(ArmModel("arms/panda_hand.urdf", effects=[HIDDEN]))
 
 
-def loop_with(*effects: EffectSpec) -> ClosedLoop:
-    plan = small_scenario(*BLIND, "world.arm.effects=[]", objects=())
+def loop_with(*effects: EffectSpec, mends: bool = False) -> ClosedLoop:
+    more = ("twin.healing.seconds=16",) if mends else ()
+    plan = small_scenario(*BLIND, "world.arm.effects=[]", *more, objects=())
     plan.world.arm.effects.append(HIDDEN)
     plan.twin.arm.effects.extend(effects)
     return make_closed_loop(plan)
@@ -66,6 +67,50 @@ def test_commands_leave_as_encoders_read(told: tuple[ClosedLoop, Simulator]) -> 
 def test_a_twin_without_offsets_has_no_door() -> None:
     names = {system.get_name() for system in loop_with().twin.diagram.GetSystems()}
     assert not names & {"true_position", "measured_position_commanded"}
+
+
+@pytest.fixture(scope="module")
+def mending(model: Model) -> tuple[ClosedLoop, Simulator, Simulator]:
+    """One Diagram, and two Contexts half a second on; a model that knows the offset was found meanwhile."""
+    loop = loop_with(mends=True)
+    first, second = Simulator(loop.diagram), Simulator(loop.diagram)
+    for simulator in (first, second):
+        simulator.AdvanceTo(0.5)
+    assert loop.twin.add_model(model) == 1
+    return loop, first, second
+
+
+def test_an_offset_that_is_found_while_it_runs_reaches_everything(
+    mending: tuple[ClosedLoop, Simulator, Simulator],
+) -> None:
+    """The arm's state is where the joints are at once and from then on, and the arm is not jerked."""
+    loop, simulator, _ = mending
+    own = loop.twin.diagram.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    true = port(loop, simulator, "station", ports.ARM_STATE)[:7]
+    assert np.abs(port(loop, simulator, "twin", "arm_state")[:7] - true - OFFSET).max() < 1e-3
+    before = port(loop, simulator, "twin", ports.POSITION_COMMANDED)
+    loop.twin.use_model(own, 1)
+    np.testing.assert_allclose(port(loop, simulator, "twin", ports.POSITION_COMMANDED), before, atol=1e-9)
+    assert np.abs(port(loop, simulator, "twin", "arm_state")[:7] - true).max() < 1e-3
+    for time in 0.5 + 0.02 * np.arange(1, 16):
+        simulator.AdvanceTo(time)
+        true = port(loop, simulator, "station", ports.ARM_STATE)[:7]
+        assert np.abs(port(loop, simulator, "twin", "arm_state")[:7] - true).max() < 2e-3
+        commanded = port(loop, simulator, "twin", ports.POSITION_COMMANDED)
+        assert np.abs(commanded - before).max() < 0.02 * 2.0, "no faster than 2 rad/s"
+        before = commanded
+    assert loop.twin.brakes(own) == []
+
+
+def test_another_context_keeps_its_door(mending: tuple[ClosedLoop, Simulator, Simulator]) -> None:
+    loop, _, other = mending
+    true = port(loop, other, "station", ports.ARM_STATE)[:7]
+    assert np.abs(port(loop, other, "twin", "arm_state")[:7] - true - OFFSET).max() < 1e-3
+    own = loop.twin.diagram.GetMyMutableContextFromRoot(other.get_mutable_context())
+    state = port(loop, other, "twin", "arm_state")
+    loop.twin.use_model(own, 1)
+    loop.twin.use_model(own, 0)  # and back
+    np.testing.assert_allclose(port(loop, other, "twin", "arm_state"), state, atol=1e-9)
 
 
 def test_behind_the_door_the_model_takes_true_angles(model: Model) -> None:

@@ -23,6 +23,15 @@ class Tuning:
     cloud_points: int = 3000
     """Points of an asset's cloud; registration thins it further."""
 
+    fewest: int = 100
+    """A cloud of fewer points is no surface."""
+
+    rounding: float = 1e-3
+    """Lengths of normals and colours in single precision may be off by so much."""
+
+    too_large: float = 10.0
+    """A cloud so many times the object's size is in another unit: millimetres make it 1,000 times."""
+
 
 TUNING = Tuning()
 
@@ -108,13 +117,34 @@ def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
                 arrays = [np.array(data[key], dtype=float) for key in ("points", "normals", "colours")]
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
             raise AssetError(f"{cached}: cannot be read: {error}; build the asset anew") from None
-        points, normals, colours = arrays
-        good = points.ndim == 2 and points.shape[1] == 3 and points.shape == normals.shape == colours.shape
-        if not good or len(points) < 100 or not all(np.isfinite(a).all() for a in arrays):
-            raise AssetError(f"{cached}: points, normals and colours must be finite and of one shape (M >= 100, 3)")
-        return Cloud(points, normals, colours)
+        return _checked(Cloud(*arrays), np.array(spec.size, dtype=float), cached)
     mesh = folder / spec.visual
     return sample(read_obj(mesh), read_png(mesh.with_suffix(".png")), TUNING.cloud_points)
+
+
+def _checked(cloud: Cloud, size: Array, file: Path) -> Cloud:
+    """Return a cloud by others as registration takes it: each point once, its normal of length 1."""
+    points, normals, colours = cloud.points, cloud.normals, cloud.colours
+    good = points.ndim == 2 and points.shape[1] == 3 and points.shape == normals.shape == colours.shape
+    if not good or not all(np.isfinite(a).all() for a in (points, normals, colours)):
+        raise AssetError(f"{file}: points, normals and colours must be finite and of one shape (M, 3)")
+    # Points that lie on one another would make the distance between neighbours nothing.
+    once = np.sort(np.unique(points, axis=0, return_index=True)[1])
+    if len(once) < TUNING.fewest:
+        raise AssetError(f"{file}: {len(once)} different points; {TUNING.fewest} at least are a surface")
+    points, normals, colours = points[once], normals[once], colours[once]
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    if length.min() < 1e-6:
+        raise AssetError(f"{file}: a normal has no length: each must point out of the surface")
+    if colours.min() < -TUNING.rounding or colours.max() > 1.0 + TUNING.rounding:
+        raise AssetError(f"{file}: colours must lie from 0 to 1, not {colours.min():g} to {colours.max():g}")
+    extent = float(np.ptp(points, axis=0).max())
+    if extent > TUNING.too_large * size.max():
+        raise AssetError(f"{file}: points span {extent:g} m, the object's size {size.max():g} m: give both in metres")
+    # What is of length 1 already stays as it is, to the bit.
+    if np.abs(length - 1.0).max() > TUNING.rounding:
+        normals = normals / length
+    return Cloud(points, normals, colours)
 
 
 def _piece(file: Path) -> Array:

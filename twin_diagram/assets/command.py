@@ -12,6 +12,7 @@ from twin_diagram.errors import AssetError
 
 if TYPE_CHECKING:
     from twin_diagram.assets.building.from_mesh import BuiltAsset
+    from twin_diagram.assets.library import LibraryEntry
 
 
 def add_asset_commands(commands: Any) -> None:
@@ -100,10 +101,20 @@ def _size(lengths: Iterable[float]) -> str:
     return " × ".join(f"{x * 1e3:.4g}" for x in lengths) + " mm"
 
 
-def _list(arguments: argparse.Namespace) -> int:
+def _entries(library: Path) -> list[LibraryEntry]:
+    """Return what a library holds, of one that is there; that it is empty is said."""
     from twin_diagram.assets.library import entries
 
-    for entry in entries(arguments.library):
+    if not library.is_dir():
+        raise AssetError(f"--library {library}: no such folder")
+    found = entries(library)
+    if not found:
+        print(f"note: {library} holds no asset", file=sys.stderr)
+    return found
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    for entry in _entries(arguments.library):
         if entry.asset is None or entry.extent is None:
             print(f"warning: {entry.name} is corrupt and left out: {entry.wrong}", file=sys.stderr)
         else:
@@ -113,9 +124,9 @@ def _list(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from twin_diagram.assets.library import entries, entry
+    from twin_diagram.assets.library import entry
 
-    found = entries(arguments.library) if arguments.name is None else [entry(arguments.library, arguments.name)]
+    found = _entries(arguments.library) if arguments.name is None else [entry(arguments.library, arguments.name)]
     corrupt = [one for one in found if one.wrong is not None]
     for one in found:
         if one.wrong is None:

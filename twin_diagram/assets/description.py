@@ -77,7 +77,7 @@ class AssetSpec:
     volume: float | None = None
     """[m³]"""
     volume_by: str | None = None
-    """What volume and inertia were computed from: `surface`, `filling` (of an open one) or `hull`."""
+    """What volume and inertia were computed from: `surface`, `filling` (of an open one, or where bodies overlap) or `hull`."""
     symmetries: list[str] | None = None
     """Turns that are not to be told apart: `z 4` is a quarter turn about z, `x any` every turn about x."""
     obj_id: int | None = None

@@ -140,6 +140,8 @@ def parse_obj(path: Path) -> ObjText:
         # Numbers are ASCII; names and remarks may have any other encoding.
         for line in path.read_text(encoding="utf-8", errors="surrogateescape").replace("\\\n", " ").splitlines():
             key, *rest = line.split() or [""]
+            if "#" in line and (key in raw or key == "f"):  # names may have one in them
+                rest = line.partition("#")[0].split()[1:]
             if key in raw:
                 raw[key].append([float(x) for x in rest])
             elif key == "f":

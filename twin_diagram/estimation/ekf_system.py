@@ -156,6 +156,18 @@ class AdaptiveEkf(ModelUser[Ekf]):
         header = context.get_discrete_state(0).value()[:HEADER]
         return {entry.name.lower(): int(header[entry]) for entry in Entry if entry >= Entry.ACCEPTED}
 
+    def recount(self, context: Context, change: Array) -> None:
+        """Count angles anew: all positions are others by `change` (n,) [rad] from now on, in this system's Context."""
+        ekf = self._in_use(context)
+        ekf.load(cast(Array, context.get_discrete_state(0).value()))
+        if not ekf.belief.valid:
+            return
+        ekf.belief.q[:] += change
+        ekf.load(ekf.belief.vector.copy())  # what is late now was measured before
+        context.SetDiscreteState(0, ekf.belief.vector)
+        if self._further:
+            context.SetDiscreteState(1, ekf.history.vector)
+
     def _hand_over(self, context: Context, made: Ekf) -> None:
         hand_over(self.belief(context), made)
         context.SetDiscreteState(0, made.belief.vector)

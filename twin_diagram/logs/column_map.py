@@ -7,7 +7,8 @@
     torque_measured: {columns: [iq_sh, iq_el], unit: A, torque_constant: [11.1, 9.3], sign: [1, -1]}
 
 `{i}` in a column's name counts the joints from `first`, `{joint}` stands for their names. A current is no torque until
-somebody says how many N·m at the joint an ampere gives: without `torque_constant` it is refused, not guessed.
+somebody says how many N·m at the joint an ampere gives, here by `torque_constant` or later by `--torque-constants`.
+Loggers leave cells empty: what is missing in a line is NaN, and the line is left out.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import yaml
 
 from twin_diagram.errors import LogError
@@ -37,6 +39,8 @@ TORQUES: Final = {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "mN·m": 1e-3, "mNm": 1e-3
 """Units of torques and forces [N·m], [N]."""
 CURRENTS: Final = {"A": 1.0, "mA": 1e-3}
 """Units of currents [A], which need a torque constant."""
+TORQUES_OR_CURRENTS: Final = ("torque_measured", "torque_commanded")
+"""Signals that may be either."""
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "position_measured": POSITIONS,
     "position_commanded": POSITIONS,
@@ -45,6 +49,11 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "torque_commanded": {**TORQUES, **CURRENTS},
 }
 """Units that each signal may have."""
+WITHOUT_CONSTANT: Final = (
+    "torque_constant: is missing; a current becomes a torque by the joint's own constant [N·m/A, motor constant times "
+    "gear ratio], which nobody can guess"
+)
+"""Said of a current beside torques."""
 FIELDS: Final = ("column", "columns", "unit", "sign", "torque_constant", "first")
 """Of a signal."""
 
@@ -73,6 +82,7 @@ class ColumnMap:
         numbered: whether they are.
         signals: by the log format's names, one column per joint.
         link_side: whether its preset's torques are measured behind the gears.
+        currents: whether its torques are currents [A] whose constants it does not tell.
     """
 
     source: str
@@ -81,10 +91,33 @@ class ColumnMap:
     numbered: bool
     signals: Mapping[str, tuple[Column, ...]]
     link_side: bool = False
+    currents: bool = False
 
     def names(self) -> list[str]:
         """Return the file's columns that are read."""
         return [self.time.name, *(column.name for columns in self.signals.values() for column in columns)]
+
+    def whole(self, columns: Mapping[str, Array], source: str) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
+        """Return the indices of samples in which nothing that is read is missing (NaN), and a note where others are.
+
+        Args:
+            columns: (N,) each, by the file's names.
+            source: what to call the log in messages.
+
+        Raises:
+            LogError: a column is not there, or no sample has all of them; the message names the column.
+        """
+        self._expect(columns, source)
+        missing = {name: np.isnan(columns[name]) for name in self.names()}
+        lost = np.any(list(missing.values()), axis=0)
+        if not np.any(lost):
+            return np.arange(len(lost)), ()
+        worst = max(missing, key=lambda name: int(np.sum(missing[name])))
+        most = f"most often {worst!r}, in {int(np.sum(missing[worst]))}"
+        if np.all(lost):
+            raise LogError(f"{source}: each of {len(lost)} samples lacks something that {self.source} reads, {most}")
+        note = f"{source}: left out {int(np.sum(lost))} of {len(lost)} samples, which lack something, {most}"
+        return np.flatnonzero(~lost), (note,)
 
     def translated(self, columns: Mapping[str, Array], source: str) -> dict[str, Array]:
         """Return columns by the log format's names, in its units; time counts from the first sample.
@@ -96,12 +129,7 @@ class ColumnMap:
         Raises:
             LogError: a column is missing; the message names it and those that are there.
         """
-        for name in self.names():
-            if name not in columns:
-                have = ", ".join(list(columns)[:8]) + (", …" if len(columns) > 8 else "")
-                raise LogError(
-                    f"{source}: has no column {name!r}, which {self.source} asks for; its columns are {have}"
-                )
+        self._expect(columns, source)
         # Counted from the first sample before it is scaled: nanoseconds since 1970 have no room for fractions.
         time = columns[self.time.name]
         result = {"time": (time - time[:1]) * self.time.scale}
@@ -109,6 +137,14 @@ class ColumnMap:
             for joint, column in zip(self.joints, of_joints, strict=True):
                 result[f"{signal}.{joint}"] = columns[column.name] * column.scale
         return result
+
+    def _expect(self, columns: Mapping[str, Array], source: str) -> None:
+        for name in self.names():
+            if name not in columns:
+                have = ", ".join(list(columns)[:8]) + (", …" if len(columns) > 8 else "")
+                raise LogError(
+                    f"{source}: has no column {name!r}, which {self.source} asks for; its columns are {have}"
+                )
 
 
 def column_map(given: str | Path) -> ColumnMap:
@@ -163,7 +199,24 @@ def parse(content: Mapping[str, Any], source: str) -> ColumnMap:
     if not {"torque_measured", "torque_commanded"} & set(signals):
         raise LogError(f"{source}: torque_measured: is missing; a log needs measured or commanded torques")
     named = "joints" in content
-    return ColumnMap(source, Column(time["column"], TIMES[unit]), joints, not named, signals, link_side)
+    currents = _untold_currents(content, [signal for signal in TORQUES_OR_CURRENTS if signal in signals], source)
+    return ColumnMap(source, Column(time["column"], TIMES[unit]), joints, not named, signals, link_side, currents)
+
+
+def _untold_currents(content: Mapping[str, Any], torques: Sequence[str], source: str) -> bool:
+    """Return whether the torques are currents whose constants are still to be told."""
+    untold = [
+        signal
+        for signal in torques
+        if "torque_constant" not in content[signal] and CURRENTS.keys() & set(_listed(content[signal].get("unit")))
+    ]
+    if untold and len(untold) < len(torques):
+        raise LogError(f"{source}: {untold[0]}: {WITHOUT_CONSTANT}")
+    return bool(untold)
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
 
 
 def _preset(name: Any, source: str) -> Preset | None:
@@ -218,12 +271,9 @@ def _columns(signal: str, field: Any, joints: Sequence[str], where: str) -> tupl
     current = [unit in CURRENTS for unit in units]
     if any(current):
         constants = field.get("torque_constant")
-        if constants is None:
-            raise LogError(
-                f"{where}: torque_constant: is missing; a current becomes a torque by the joint's own constant "
-                "[N·m/A, motor constant times gear ratio], which nobody can guess"
-            )
-        values = _numbers(constants, joints, "torque_constant", where)
+        if constants is None and not all(current):
+            raise LogError(f"{where}: {WITHOUT_CONSTANT}")
+        values = _numbers(1 if constants is None else constants, joints, "torque_constant", where)
         if not np.all(values > 0.0):
             raise LogError(f"{where}: torque_constant: {constants} is not positive; a sign goes into `sign`")
         scale = scale * np.where(current, values, 1.0)

@@ -82,8 +82,8 @@ class Log:
         """
         if self.currents:
             raise LogError(
-                f"{self.source}: holds currents; --torque-constants tells each joint's torque over current [N·m/A, "
-                "motor constant times gear ratio], which nobody can guess"
+                f"{self.source}: holds currents; --torque-constants, or torque_constant in the map of --columns, tells "
+                "each joint's torque over current [N·m/A, motor constant times gear ratio], which nobody can guess"
             )
         torque = self.torque if self.torque is not None else self.torque_commanded
         if torque is None:

@@ -41,6 +41,8 @@ SPARE = ("velocity_estimated", "position_commanded")
 """Signals that a log need not have."""
 CURRENT = "current_measured"
 """A signal that stands for the first of them [A] where a log has none of them."""
+NOTHING = ("", "null", "none", "na", "n/a")
+"""What foreign loggers write, besides NaN, where they have no number."""
 BAGS = (".mcap", ".db3", ".bag")
 """Endings of ROS bags: ROS 2's two stores, and ROS 1."""
 LCM_LOGS = (".lcm", ".lcmlog", ".log")
@@ -62,8 +64,9 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
 
     Raises:
         LogError: missing, empty, unreadable or ragged file; text where a number must be; a value that is missing or not
-            finite; a signal that lacks a joint; time that does not rise. The message names column and line. A joint
-            that has no torque where others have is left out, with a note.
+            finite; a signal that lacks a joint; time that does not rise. The message names column and line. Left out,
+            with a note, are a joint that has no torque where others have, and samples of a foreign log with a value
+            missing.
     """
     expect_path(path, "log", "a measured log")
     path, stream = _parted(Path(path))
@@ -101,8 +104,10 @@ def _foreign(path: Path, columns: str | Path) -> Log:
     found = _read_npz(path) if suffix == ".npz" else read_foreign_columns(path, meaning.names())
     place = "sample" if suffix == ".npz" else "line"
     offset = 0 if suffix == ".npz" else 2
-    translated = meaning.translated(found, str(path))
-    log = log_from_columns(translated, str(path), lambda sample: f"{place} {sample + offset}")
+    kept, notes = meaning.whole(found, str(path))
+    translated = meaning.translated({name: found[name][kept] for name in meaning.names()}, str(path))
+    log = log_from_columns(translated, str(path), lambda sample: f"{place} {kept[sample] + offset}")
+    log = replace(log, notes=log.notes + notes, currents=meaning.currents)
     return replace(log, numbered=meaning.numbered, link_side=meaning.link_side)
 
 
@@ -307,7 +312,8 @@ def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
 
 
 def _numbers_of(cells: Sequence[str], path: Path, name: str) -> Array:
-    return np.array([_number(cell, f"{path}: line {k + 2}: {name}") for k, cell in enumerate(cells)], dtype=float)
+    there = ["nan" if cell.lower() in NOTHING else cell for cell in cells]
+    return np.array([_number(cell, f"{path}: line {k + 2}: {name}") for k, cell in enumerate(there)], dtype=float)
 
 
 def _slowly(path: Path, names: Sequence[str]) -> Array:

@@ -64,11 +64,10 @@ class Model:
         law: the torque of bodies and effects at true positions, without onsets, delay and motors' logs.
     """
 
-    def __new__(cls, *given: object, **named: object) -> Model:
+    def __new__(cls, plant: object = ..., *given: object, **named: object) -> Model:
         """Refuse a path in the place of a plant, before Python asks for what else is missing."""
-        first = (*given, *(named[name] for name in ("plant",) if name in named))
-        if first:
-            expect(first[0], MultibodyPlant, "Model", "a plant that was parsed (a file is read by Model.load(PATH))")
+        if plant is not ...:  # nothing is given where a model is copied
+            expect(plant, MultibodyPlant, "Model", "a plant that was parsed (a file is read by Model.load(PATH))")
         return super().__new__(cls)
 
     def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Iterable[Effect]) -> None:

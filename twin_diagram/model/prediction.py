@@ -17,8 +17,10 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
+from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpass, motion
 from twin_diagram.logs.easing import eased
+from twin_diagram.logs.parting import longest, parted
 from twin_diagram.logs.straightening import straightened
 from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.logs.writing import check_kind
@@ -294,7 +296,8 @@ def predict(
         horizon: length of the rollouts [s].
         packages: local folders for `package://` names.
         columns: what a foreign log's columns mean, see `read_log`.
-        say: told each joint's root mean square of measured less predicted torque and position, without the log's ends.
+        say: told each joint's root mean square of measured less predicted torque and position, without the log's ends;
+            of the longest stretch, where the log is silent in between.
         torque_side: of the gears that the torque was measured on, `motor` or `link`; None: as the model says.
         constants: of the motors, where the log holds currents.
         joints: of one arm, in order, of a robot that has more; the others are held. Empty: all.
@@ -323,7 +326,12 @@ def predict(
         predicted |= {f"{name}.{joint}": values[:, k] for k, joint in enumerate(loaded.joints)}
     write_columns(predicted, out)
     if say is not None:
-        for line in _misfit(loaded, used, smooth, arrived, horizon):
+        shown = longest(parted(used, horizon + 2.0 * DIFFERENTIATION.residual_cut))
+        if len(shown) < len(used):  # nobody knows the motion of a silence: what a spline makes of it is no misfit
+            say(f"of {shown.time[0]:.2f} to {shown.time[-1]:.2f} s, the longest stretch without a gap:")
+            smooth = motion(shown)
+            arrived = position_predicted(loaded, shown, horizon, smooth, every)
+        for line in _misfit(loaded, shown, smooth, arrived, horizon):
             say(line)
     return warnings
 

@@ -193,6 +193,23 @@ class Mpc(ModelUser[Model]):
         memory = Memory.unpack(self._vector(context), self._n, self._knots, self._step)
         return replace(memory, pending=next(iter(context.get_abstract_state(int(self._pending)).get_value()), None))
 
+    def recount(self, context: Context, change: Array) -> None:
+        """Count angles anew: the arm is where it was, but its angles are others by `change` (n,) [rad].
+
+        The plan goes on from there; joint goals are where they were: at them the tool is at its goal.
+
+        Args:
+            context: of this system.
+            change: (n,) [rad].
+        """
+        memory = self.memory(context)
+        trajectory = replace(memory.trajectory, q0=memory.trajectory.q0 + change)
+        memory = replace(memory, trajectory=trajectory, stay=memory.stay + change)
+        if not np.any(memory.goal):  # what it stays at
+            route = replace(memory.route, points=memory.route.points + change)
+            memory = replace(memory, goals=memory.goals + change, route=route)
+        context.SetDiscreteState(int(self._state), memory.pack())
+
     def braked(self, context: Context) -> bool:
         """Return whether the arm rests because what searches for ways has failed and does not work again yet."""
         return self.memory(context).braked

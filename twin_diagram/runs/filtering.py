@@ -29,15 +29,16 @@ def filter_log(model: Model, log: Log, learn: Sequence[str]) -> tuple[Ekf, Array
     """
     ekf = Ekf(ArmTerms.from_model(model), Filter(rate=1.0 / log.period, parameters=list(learn)))
     tau, states = log.motor_torque, np.empty((len(log), 2 * len(model.joints)))
-    for k, t in enumerate(log.time):
+    times = log.time - min(0.0, float(log.time[0]))  # to the filter, what was before 0 was never
+    for k, t in enumerate(times):
         if log.velocity is not None:
             ekf.observe(log.position[k], log.velocity[k], tau[k], t)
-        elif k == 0 or t - log.time[k - 1] > ARM_MESSAGES.longest_gap:
+        elif k == 0 or t - times[k - 1] > ARM_MESSAGES.longest_gap:
             after = min(k + 1, len(log) - 1)
-            v = (log.position[after] - log.position[k]) / max(log.time[after] - t, 1e-6)
+            v = (log.position[after] - log.position[k]) / max(times[after] - t, 1e-6)
             ekf.start(log.position[k], v, tau[k], t)
         else:
-            ekf.predict(0.5 * (tau[k - 1] + tau[k]), t - log.time[k - 1])
+            ekf.predict(0.5 * (tau[k - 1] + tau[k]), t - times[k - 1])
             ekf.update("encoder", log.position[k], t)
         states[k] = ekf.belief.x[: states.shape[1]]
     return ekf, states

@@ -25,6 +25,9 @@ def write(path: str | Path, content: bytes | str) -> Path:
     try:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
         os.replace(temporary, path)
+    except OSError as error:  # of a disk that is full the system names no file
+        error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
     return path

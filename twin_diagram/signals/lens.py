@@ -141,6 +141,14 @@ def unit_rays(lens: Lens) -> Array:
 
 
 @lru_cache(maxsize=8)
+def folds(lens: Lens) -> bool:
+    """Return whether a straight picture of a lens would show some place twice: no lens bends so much."""
+    x, y, _ = np.moveaxis(unit_rays(lens.straight), -1, 0)
+    xx, xy, yy = distortion_derivative(x, y, lens.distortion)
+    return bool((xx * yy - xy * xy < TUNING.folded).any())
+
+
+@lru_cache(maxsize=8)
 def straightening(lens: Lens) -> tuple[Map, Map]:
     """Return for each pixel of `lens.straight` where `lens` shows it: u and v (H, W) [px]; read-only."""
     x, y, _ = np.moveaxis(unit_rays(lens.straight), -1, 0)

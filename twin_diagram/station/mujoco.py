@@ -251,6 +251,7 @@ class MujocoStation(Diagram):
 
 
 def _efforts(urdf: Path) -> dict[str, float]:
-    """Return what joints may give at most, by name; a continuous one need not say."""
+    """Return what joints may give at most, by name; a continuous one need not say, and 0 says nothing."""
     joints = ((joint, joint.find("limit")) for joint in ET.parse(urdf).getroot().findall("joint"))
-    return {j.get("name", ""): float(limit.get("effort", "inf")) for j, limit in joints if limit is not None}
+    told = {j.get("name", ""): float(limit.get("effort", "inf")) for j, limit in joints if limit is not None}
+    return {name: effort for name, effort in told.items() if effort > 0.0}

@@ -20,7 +20,7 @@ OWN = "own"
 """In the place of a scenario's `station`: the loop was given one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ClosedLoop:
     """A station and the twin that watches and drives it; with a station of one's own `scenario.station` is `OWN`."""
 
@@ -28,6 +28,10 @@ class ClosedLoop:
     scenario: scenario.Scenario
     station: System
     twin: TwinDiagram
+
+    def __repr__(self) -> str:
+        """Say in one line what is in it: a notebook shows it."""
+        return f"ClosedLoop(station={self.scenario.station!r}, twin={self.twin!r})"
 
     @property
     def model(self) -> Model:

@@ -18,7 +18,7 @@ from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station import ports
 from twin_diagram.twin.own_systems import inputs_of
-from twin_diagram.twin.true_angles import shifted
+from twin_diagram.twin.true_angles import PUT, shifted
 
 
 def add_stop_monitor(
@@ -45,19 +45,20 @@ def connect_commands(
     ekf: System,
     updater: SceneGraphUpdater,
     runner: TaskRunner | None,
-    offset: Array,
+    offset: Array | None,
 ) -> None:
     """Let the controller command the arm, through the monitor where there is one; show commands.
 
-    Commands leave as encoders of this offset (n,) [rad] read them.
+    Commands leave as encoders of this offset (n,) [rad] read them; None: there is no door.
 
     Further instances and unknown things come with the camera, messages' times with the arm's messages.
     """
     torque = controller.GetOutputPort("torque_commanded") if controller.HasOutputPort("torque_commanded") else None
     if monitor is None:
+        size = controller.GetOutputPort("position_commanded").size()
         _export_position(builder, controller, offset)
         if torque is None:
-            torque = builder.AddNamedSystem("no_torque", ConstantVectorSource(np.zeros(len(offset)))).get_output_port()
+            torque = builder.AddNamedSystem("no_torque", ConstantVectorSource(np.zeros(size))).get_output_port()
         builder.ExportOutput(torque, ports.TORQUE_COMMANDED)
         return
     for name in ("position_commanded", "torque_commanded", "plan_time"):
@@ -75,6 +76,6 @@ def connect_commands(
     builder.ExportOutput(monitor.GetOutputPort("brake"), "brake")
 
 
-def _export_position(builder: DiagramBuilder, system: System, offset: Array) -> None:
-    port = shifted(builder, "measured_position_commanded", system.GetOutputPort("position_commanded"), offset)
+def _export_position(builder: DiagramBuilder, system: System, offset: Array | None) -> None:
+    port = shifted(builder, PUT, system.GetOutputPort("position_commanded"), offset)
     builder.ExportOutput(port, ports.POSITION_COMMANDED)

@@ -44,13 +44,13 @@ from twin_diagram.twin.own_systems import check, inputs_of
 from twin_diagram.twin.own_systems import connect_ports as _connect
 from twin_diagram.twin.sight import add_sight
 from twin_diagram.twin.stopping_in_time import add_stop_monitor, connect_commands
-from twin_diagram.twin.true_angles import add_shift, behind_door, offset_of
+from twin_diagram.twin.true_angles import TAKEN, Door, add_shift, behind_door, offset_of
 
 MASS = "payload.mass"
 """Name of the learned mass among the filter's parameters."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TwinDiagram:
     """The twin, built.
 
@@ -73,6 +73,7 @@ class TwinDiagram:
         runner: the system that runs the steps of its task; None where it has none.
         monitor: the system that stops the arm in time; None where it is told to have none.
         added: assets that came later; see `add_asset`.
+        door: takes encoders' offsets off; None where none was known and the twin does not mend its model.
     """
 
     diagram: Diagram
@@ -90,6 +91,12 @@ class TwinDiagram:
     runner: TaskRunner | None
     monitor: StopMonitor | None
     added: AddedAssets
+    door: Door | None = None
+
+    def __repr__(self) -> str:
+        """Say in one line what it knows and learns: a notebook shows it."""
+        known = f"joints={list(self.model.joints)}, library={list(self.library)}"
+        return f"TwinDiagram({known}, parameters={list(self.parameter_names)})"
 
     @property
     def _model_users(self) -> list[AdaptiveEkf | DriftMonitor | Mpc]:
@@ -105,14 +112,20 @@ class TwinDiagram:
         Raises:
             TwinError: the twin cannot use it.
         """
+        offset = offset_of(self.measured_model)
         if model.joints == self.measured_model.joints:  # another arm's is refused by whoever would use it
-            model = behind_door(model, offset_of(self.measured_model))
+            offset = offset if self.door is None else offset_of(model)
+            model = behind_door(model, offset)
         numbers = {system.add_model(model) for system in self._model_users}
         assert len(numbers) == 1
+        if self.door is not None:
+            self.door.offsets.append(offset)
         return numbers.pop()
 
     def use_model(self, context: Context, number: int) -> None:
         """Filter, monitor and planner go on with another model; 0 is the one that the twin was built with.
+
+        Where its encoders' offsets are others, all that is remembered as angles counts anew: the arm stays where it is.
 
         Args:
             context: of `diagram`, between two steps of a simulator; other Contexts stay as they are.
@@ -120,6 +133,12 @@ class TwinDiagram:
         """
         for system in self._model_users:
             system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
+        change = np.zeros(0) if self.door is None else self.door.move(context, number)
+        if change.any():
+            users: tuple[AdaptiveEkf | Mpc | StopMonitor | None, ...] = self.ekf, self.mpc, self.monitor
+            for user in users:
+                if user is not None:
+                    user.recount(self.diagram.GetMutableSubsystemContext(user, context), change)
 
     def add_asset(self, asset: Asset | str | Path, name: str | None = None) -> int:
         """Take in an asset that the library does not hold; answer its number. No Context uses it yet.
@@ -219,11 +238,9 @@ def make_twin(
     check_twin(twin)
     builder = DiagramBuilder()
     measured_model = model_of(twin, packages)
-    model = behind_door(measured_model, offset := offset_of(measured_model))
+    model, offset = _through_door(measured_model, mends=twin.healing is not None)
     library = library_of(twin, packages)
-    check_fixtures(twin, packages)
-    scene = named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
-
+    scene = _add_scene(builder, twin, packages)
     home = np.array(twin.home) if twin.home else None
     fused = fused_sensors(twin, model.last_link)
     tuning = replace(twin.filter, sensors=[sensor.spec for sensor in fused])
@@ -256,7 +273,26 @@ def make_twin(
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
     known = model, measured_model, library, scene, parameter_names, mass_index, tuple(fused)
     added = AddedAssets(scene, sight, (mpc, monitor))
-    return TwinDiagram(_built(builder), *known, ekf, drift, mpc, health, runner, monitor, added)
+    diagram = _built(builder)
+    door = None if offset is None else Door(diagram, offset)
+    return TwinDiagram(diagram, *known, ekf, drift, mpc, health, runner, monitor, added, door)
+
+
+def _through_door(measured_model: Model, *, mends: bool) -> tuple[Model, Array | None]:
+    """Return the model in true joint angles, and the offset (n,) that is taken off; None where no door is needed.
+
+    Args:
+        measured_model: as logs show it.
+        mends: whether the twin may find an offset while it runs.
+    """
+    offset = offset_of(measured_model)
+    return behind_door(measured_model, offset), offset if offset.any() or mends else None
+
+
+def _add_scene(builder: DiagramBuilder, twin: scenario.Twin, packages: Packages | None) -> TwinScene:
+    """Add the twin's own plant and SceneGraph."""
+    check_fixtures(twin, packages)
+    return named("twin.fixtures", lambda: add_twin_scene(builder, twin, packages))
 
 
 def _built(builder: DiagramBuilder) -> Diagram:
@@ -303,8 +339,14 @@ def _connect_controller(
         _connect(builder, controller, health, "reach")
 
 
-def _take_measurements(builder: DiagramBuilder, offset: Array, *systems: System) -> None:
-    """Let the arm's messages into those systems that want them, under the station's names; `offset` of encoders."""
+def _take_measurements(builder: DiagramBuilder, offset: Array | None, *systems: System) -> None:
+    """Let the arm's messages into those systems that want them, under the station's names.
+
+    Args:
+        builder: of the twin.
+        offset: (n,) of encoders [rad]; None: there is no door.
+        systems: those that may want them.
+    """
     measured = {
         ports.POSITION_MEASURED: "position_measured",
         ports.VELOCITY_ESTIMATED: "velocity_estimated",
@@ -313,8 +355,8 @@ def _take_measurements(builder: DiagramBuilder, offset: Array, *systems: System)
     }
     for name, port in measured.items():
         inputs = [system.GetInputPort(port) for system in systems if system.HasInputPort(port)]
-        if name == ports.POSITION_MEASURED and offset.any():
-            door = add_shift(builder, "true_position", -offset)
+        if name == ports.POSITION_MEASURED and offset is not None:
+            door = add_shift(builder, TAKEN, -offset)
             for each in inputs:
                 builder.Connect(door.get_output_port(), each)
             inputs = [door.get_input_port(0)]

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import struct
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -124,6 +125,17 @@ def test_collada_tells_its_unit_and_what_is_up(tmp_path: Path, up: str, size: li
     assert built.volume == pytest.approx(0.006, rel=1e-5)
 
 
+@pytest.mark.parametrize("turn", [source_mesh.z_up, source_mesh.x_becomes_up])
+def test_what_is_set_upright_is_turned_and_not_mirrored(turn: Callable[[Array], Array]) -> None:
+    R = turn(np.eye(3)).T
+    np.testing.assert_array_equal(R @ R.T, np.eye(3))
+    assert np.linalg.det(R) == 1.0
+    # COLLADA 1.4.1, `up_axis`: with Y_UP x leads to the right and z comes towards the viewer, with X_UP −y and z.
+    right = [0.0, -1.0, 0.0] if turn is source_mesh.x_becomes_up else [1.0, 0.0, 0.0]
+    np.testing.assert_array_equal(turn(np.array(right)), [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(turn(np.array([0.0, 0.0, 1.0])), [0.0, -1.0, 0.0])
+
+
 def test_the_plant_knows_mass_centre_and_moments(tmp_path: Path) -> None:
     mesh = corner()
     build_from_mesh(write_stl(tmp_path / "l.stl", mesh), "l", tmp_path / "lib", density=2000.0)
@@ -143,6 +155,13 @@ def test_what_is_not_watertight_says_so(tmp_path: Path) -> None:
     assert any("not watertight" in note and "hull" in note for note in built.notes)
     assert any("mass not told" in note for note in built.notes) and built.mass == pytest.approx(1000 * 2.4e-4)
     assert read_spec(tmp_path / "lib" / "a").volume_by == "hull"
+
+
+def test_bodies_that_overlap_are_weighed_as_one_and_said_to(tmp_path: Path) -> None:
+    cubes = trimesh.util.concatenate([box(0.06, 0.06, 0.06), box(0.04, 0.04, 0.04, at=(0.03, 0.0, 0.0))])
+    built = build_from_mesh(write_stl(tmp_path / "a.stl", cubes), "a", tmp_path / "lib", density=1000.0)
+    assert built.mass == pytest.approx(0.248, rel=0.01)
+    assert any("bodies in it overlap" in note for note in built.notes)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])

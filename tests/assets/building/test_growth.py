@@ -11,6 +11,7 @@ import pytest
 from tests.assets.building.pictured import box, cameras, shots
 from twin_diagram.assets.building.from_mesh import AssetPlace
 from twin_diagram.assets.building.growth import TUNING, Growth, in_thing
+from twin_diagram.assets.mesh import read_obj
 from twin_diagram.errors import FramesError
 from twin_diagram.signals import rotations
 
@@ -49,12 +50,17 @@ def test_a_side_counts_once() -> None:
 @pytest.mark.long
 def test_a_camera_that_moves_around_makes_an_asset(tmp_path: Path) -> None:
     growth, ready = Growth(), []
+    R_WT, p_WT = rotations.matrix(rotations.exp(np.array([0.3, -0.2, 0.5]))), np.array([0.02, -0.01, 0.1])
     for frame in shots([box(EDGES)], cameras(9, 0.015), masked=True).frames:
-        growth = growth.with_frame(in_thing(frame, np.eye(3), np.zeros(3), turned=False))
+        growth = growth.with_frame(in_thing(frame, R_WT, p_WT, turned=False))
         ready.append(growth.ready)
     assert ready == [False] * 5 + [True] * 4
-    built = growth.built(AssetPlace("block", tmp_path / "library"))
-    np.testing.assert_allclose(built.size, EDGES, atol=0.003)
+    grown = growth.grown(AssetPlace("block", tmp_path / "library"))
+    built = grown.built
+    np.testing.assert_allclose(R_WT @ grown.R_TO @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], atol=0.01)
+    np.testing.assert_allclose(R_WT @ grown.p_TO + p_WT, [0.0, 0.0, EDGES[2] / 2], atol=0.001)
+    own = read_obj(built.folder / "visual.obj").vertices @ (R_WT @ grown.R_TO).T
+    np.testing.assert_allclose(np.ptp(own, axis=0), EDGES, atol=0.003)
     assert built.volume == pytest.approx(60e-6, rel=0.05)
 
 

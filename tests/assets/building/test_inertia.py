@@ -8,6 +8,7 @@ import trimesh
 
 from tests.assets.building.made_meshes import box, box_inertia, corner, hollow_box, surface_of
 from twin_diagram.assets.building.inertia import hull_of, outward, solid_of, spread
+from twin_diagram.assets.building.overlap import overlap
 from twin_diagram.assets.building.surface import weld
 from twin_diagram.errors import AssetError
 
@@ -56,6 +57,26 @@ def test_a_cavity_is_empty() -> None:
     expected = box_inertia(1000 * outer, 0.1, 0.08, 0.06) + 1000 * outer * x * x * far
     expected -= box_inertia(1000 * inner, 0.06, 0.04, 0.02) + 1000 * inner * (0.01 - x) ** 2 * far
     np.testing.assert_allclose(solid.inertia(1000 * (outer - inner)), expected, rtol=1e-6, atol=1e-12)
+
+
+def test_what_bodies_share_counts_once() -> None:
+    """A cube of 6 cm and one of 4 cm, a quarter of which sticks out of it; a bar across another."""
+    cubes = trimesh.util.concatenate([box(0.06, 0.06, 0.06), box(0.04, 0.04, 0.04, at=(0.03, 0.0, 0.0))])
+    solid = solid_of(surface_of(cubes))
+    assert solid.by == "filling"
+    assert solid.volume == pytest.approx(0.06**3 + 0.04**3 / 2, rel=0.01)
+    assert solid.centre[0] == pytest.approx(0.04**3 / 2 * 0.04 / (0.06**3 + 0.04**3 / 2), rel=0.05)
+    bars = trimesh.util.concatenate([box(0.1, 0.02, 0.02), box(0.02, 0.1, 0.02), box(0.01, 0.01, 0.01)])
+    assert overlap(surface_of(bars)) == pytest.approx(0.02**3 / (2 * 0.1 * 0.02**2 - 0.02**3), rel=0.3)
+    assert solid_of(surface_of(bars)).volume == pytest.approx(2 * 0.1 * 0.02**2 - 0.02**3, rel=0.02)
+
+
+def test_bodies_that_do_not_overlap_and_cavities_are_exact() -> None:
+    apart = trimesh.util.concatenate([box(0.04, 0.04, 0.04), box(0.04, 0.04, 0.04, at=(0.1, 0.0, 0.0))])
+    for mesh, volume in ((apart, 2 * 0.04**3), (hollow_box(), hollow_box().volume)):
+        surface = surface_of(mesh)
+        assert overlap(surface) == 0.0
+        assert solid_of(surface).by == "surface" and solid_of(surface).volume == pytest.approx(volume, rel=1e-9)
 
 
 def test_a_mesh_inside_out_or_with_mixed_triangles_is_the_same() -> None:

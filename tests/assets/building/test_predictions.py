@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.assets.building.pictured import Shots, box, cameras, shots
+from twin_diagram.assets.building import cube_faces, levelling
 from twin_diagram.assets.building.cube_outline import outlined_edges
 from twin_diagram.assets.building.cube_scale import Cube, is_green
 from twin_diagram.assets.building.depth_view import make_view, view_points
@@ -210,3 +211,35 @@ def test_a_view_of_which_the_network_is_sure_of_nothing_is_left_out(taken: Shots
     _, _, factor = metric(read, EDGE, "predictions")
     assert factor == pytest.approx(0.37, rel=0.01)
     assert is_green(np.zeros((0, 3))).shape == (0,)
+
+
+def test_a_step_lays_a_views_plane_on_the_common_one(taken: Shots) -> None:
+    """Off by a third of a degree either way and by a millimetre; places are held, so that depth's scale must give."""
+    frame = taken.frames[0]
+    view, about = make_view(frame.camera, frame.depth), np.array([0.02, 0.01, 0.03])
+    n = rotations.matrix(rotations.exp(np.array([0.006, -0.005, 0.0]))) @ [0.0, 0.0, 1.0]
+    foot = np.array([0.05, -0.04, 0.001])
+    prior = np.array([1e-2] * 3 + [1e12] * 3 + [1e-2])
+    step = levelling._step(
+        view, (np.append(n, n @ foot), foot), np.array([0.0, 0.0, 1.0, 0.0]), np.zeros(7), prior, about
+    )
+    R = rotations.matrix(rotations.exp(step[:3]))
+    np.testing.assert_allclose(R @ n, [0.0, 0.0, 1.0], atol=1e-4)
+    p = frame.camera.p_WC + (foot - frame.camera.p_WC) * np.exp(step[6])
+    assert abs((R @ (p - about) + about + step[3:6])[2]) < 1e-4
+
+
+def test_a_cube_is_turned_to_where_its_faces_lead() -> None:
+    """By 1° either way; faces are seen as clouds of points without noise."""
+    flat = 0.5 * EDGE * np.stack(np.meshgrid(*2 * [np.linspace(-0.9, 0.9, 12)]), axis=-1).reshape(-1, 2)
+    sides = [(axis, side) for axis in range(3) for side in (1.0, -1.0)]
+    points = np.concatenate([np.insert(flat, axis, side * EDGE / 2, axis=1) for axis, side in sides])
+    normals = np.concatenate([np.tile(side * np.eye(3)[axis], (len(flat), 1)) for axis, side in sides])
+    plane, middle = np.array([0.0, 0.0, 1.0, 0.0]), np.array([0.1, 0.0, EDGE / 2])
+    for angle in (0.0175, -0.0175):
+        R = rotations.matrix(rotations.exp(np.array([0.0, 0.0, angle])))
+        first = Cube(EDGE, middle, np.eye(3))
+        placed = cube_faces._placed([(points @ R.T + middle, normals @ R.T)], first, 0.16)
+        found, sizes, _ = cube_faces._improved(placed, [(0.0, 1e-8)], first, plane)
+        np.testing.assert_allclose(found.axes, R.T, atol=2e-3)
+        np.testing.assert_allclose(sizes, EDGE, rtol=2e-3)

@@ -155,6 +155,18 @@ def test_looked_through_is_outside_and_never_seen_is_inside() -> None:
     np.testing.assert_allclose(field.distance[front], p[front][:, 2] - 0.02, atol=3e-4)
 
 
+def test_a_book_that_stands_on_edge_is_fused() -> None:
+    """A layer of its grid has 35,000 points, more than OpenCV looks up in one row."""
+    R = np.column_stack([[0, 1.0, 0], [0, 0, -1.0], [-1.0, 0, 0]])
+    camera = ViewCamera(320, 240, 300, 300, 159.5, 119.5, R, np.array([0.6, 0.0, 0.125]))
+    view = make_view(camera, np.full((240, 320), 0.585, np.float32))
+    grid = FusionGrid(np.array([0.005, -0.1, 0.0]), 0.00125, (16, 160, 220))
+    assert grid.shape[1] * grid.shape[2] > 2**15
+    field = fuse([view], grid, 0.0005)
+    near = np.abs(grid.points()[..., 0] - 0.015) < 0.0022
+    np.testing.assert_allclose(field.distance[near], (grid.points()[..., 0] - 0.015)[near], atol=1e-5)
+
+
 def test_rays_beside_edges_do_not_hollow_what_most_views_show_to_be_full() -> None:
     # Three of sixty views have a gap where the box's middle is, as narrow as edges are unsure.
     middle = np.array([0, 0, 0.02])

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.estimation.small_arms import constant_friction, gantry
 from tests.estimation_bench import HOME, twin_terms
 from twin_diagram.estimation.drift.breakaway import TUNING as BREAKAWAY
 from twin_diagram.estimation.drift.momentum_observer import TUNING as MOMENTUM_OBSERVER
@@ -66,6 +67,25 @@ def test_names_the_joint_and_what_it_gained(normal, joint: int) -> None:
     assert 20 < first < 32
     assert found[first][1] == joint
     assert found[-1][2] == pytest.approx(-4.0, abs=0.5)
+
+
+@pytest.mark.parametrize("speed", [0.012, 0.2])
+def test_friction_that_grows_is_noticed_on_slow_slides(speed: float) -> None:
+    """A slide at 12 mm/s is under way, as a joint at 0.05 rad/s is: 3 cm/s were asked of it."""
+    terms, params = gantry(constant_friction(4.0, 4.0)), Filter(parameters=[])
+    test, rng = TorqueTest(terms, ParameterSet(terms, params), params, 6.0), np.random.default_rng(0)
+    t = DT * np.arange(1, 1601)
+    v = speed * np.tanh(4.0 * np.sin(2.0 * t))
+    q, a = np.cumsum(v) * DT, np.diff(v, prepend=0.0) / DT
+    vector, found = np.zeros(test.size), []
+    for k in range(len(t)):
+        tau = np.array([5.0, 2.0]) * a[k] + (4.0 + 4.0 * np.array([t[k] > 6.0, 0.0])) * np.sign(v[k])
+        x = np.repeat([q[k], v[k]], 2) + np.repeat([0.0, 2e-4], 2) * rng.normal(size=4)
+        noisy = tau + 0.05 * rng.normal(size=2)
+        found.append(test.follow(vector, x, np.zeros(0), noisy, float(t[k]), bool(t[k] < 6.0), True))
+    assert max(f for f, _, _ in found[:1195]) < 0.5
+    worst = max(found[1205:])
+    assert worst[0] > 2.0 and worst[1] == 0 and abs(worst[2]) == pytest.approx(4.0, abs=0.3)
 
 
 def test_silent_at_rest_and_just_after(normal) -> None:

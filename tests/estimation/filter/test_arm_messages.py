@@ -52,7 +52,7 @@ def moved(**entries: float) -> Ekf:
     ekf = begun(PARAMS)
     for _ in range(20):
         ekf.predict(np.zeros(2), 0.005)
-    for name, value in entries.items():
+    for name, value in {"MESSAGE": 1.1, **entries}.items():
         ekf.belief.header[Entry[name]] = value
     return ekf
 
@@ -81,6 +81,12 @@ def moved(**entries: float) -> Ekf:
 )
 def test_what_becomes_of_a_message(t: float, streak: float, course: Course) -> None:
     assert course_of(moved(STREAK=streak), Q, V, t, True) is course
+
+
+@pytest.mark.parametrize(("t", "course"), [(1.1, Course.LATE), (1.05, Course.STALE), (1.055, Course.LATE)])
+def test_a_message_is_seen_again_only_where_it_is_no_newer_than_the_arm_s_own(t: float, course: Course) -> None:
+    """The steps after 1.05 s were made for another sensor."""
+    assert course_of(moved(MESSAGE=1.05), Q, V, t, True) is course
 
 
 @pytest.mark.parametrize(

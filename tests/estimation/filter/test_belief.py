@@ -17,7 +17,7 @@ def test_views_fill_the_vector_and_do_not_overlap() -> None:
     views += [belief.acceleration, belief.noise, belief.troubled, belief.steady, belief.told, belief.model]
     views += [belief.gradient, belief.freed, belief.score, belief.q, belief.v, belief.disturbance, belief.theta]
     views += [belief.own, belief.P, *belief.tracks, *belief.levels]
-    shapes = [(22,), *[(n,)] * 6, (3, n), (3, 2 * n), (n,), (n,), (p,), (p,), (p,), (p, p + 1), *[(n,)] * 3, (p,)]
+    shapes = [(23,), *[(n,)] * 6, (3, n), (3, 2 * n), (n,), (n,), (p,), (p,), (p,), (p, p + 1), *[(n,)] * 3, (p,)]
     shapes += [(own,), (N, N), (12 + 6,), (12 + 2,), (6,), (2,)]
     assert [view.shape for view in views] == shapes
     assert len(belief.vector) == sum(view.size for view in views) and belief.size == N

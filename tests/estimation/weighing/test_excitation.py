@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -207,6 +208,26 @@ def test_limits_of_a_description(iiwa: Model) -> None:
     near = limits.near(POSTURE, 0.1)
     np.testing.assert_allclose(near.upper - near.lower, 0.2)
     np.testing.assert_allclose(MotionLimits.of(iiwa, np.full(7, 5.0)).acceleration, 5.0)
+
+
+def test_a_joint_without_ends_may_stand_anywhere(iiwa: Model, X_TO: RigidTransform, box: Shape) -> None:
+    """A continuous wrist turned by more than half a turn; its limits were those of a turn about zero."""
+    last = np.arange(7) == 6
+    limits = MotionLimits.of(iiwa)
+    free = replace(limits, lower=np.where(last, -np.inf, limits.lower), upper=np.where(last, np.inf, limits.upper))
+    told = SimpleNamespace(
+        joints=iiwa.joints,
+        lower=np.where(last, -np.inf, iiwa.lower),
+        upper=np.where(last, np.inf, iiwa.upper),
+        velocity_limit=iiwa.velocity_limit,
+        effort_limit=iiwa.effort_limit,
+    )
+    for name in ("lower", "upper"):
+        np.testing.assert_array_equal(getattr(MotionLimits.of(told), name), getattr(free, name))  # type: ignore[arg-type]
+    plan = ExcitationPlan(period=2.0, harmonics=3, starts=1, trial_steps=1, steps=2)
+    posture = np.where(last, 4.0, POSTURE)
+    motion = optimise_excitation(iiwa, X_TO, box.even(0.5), posture, free, plan=plan)
+    assert np.abs(motion.sampled(50.0)[1][0][:, 6] - 4.0).max() < np.pi
 
 
 def test_feed_forward_is_what_a_motion_takes_beyond_holding_the_arm(

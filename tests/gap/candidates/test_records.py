@@ -10,14 +10,14 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from tests.gap.made import effect, swinging
+from tests.gap.made import effect
 from twin_diagram.gap.candidates import records as records_of
 from twin_diagram.gap.candidates.candidate import Candidate, linear
 from twin_diagram.gap.candidates.records import (
     EffectRecord,
     catalogue_candidates,
-    names_with,
     record_of,
+    records,
     sentence,
 )
 from twin_diagram.gap.candidates.wording import effort, name_and_place, values_on_joints
@@ -152,12 +152,6 @@ def test_words_of_torques_and_forces() -> None:
     assert "the same everywhere" in sentence(still.on_arm(["slide"]))
 
 
-def test_names_of_which_something_holds() -> None:
-    assert {"coulomb_friction", "stribeck_friction"} <= names_with(lambda record: record.holds)
-    assert not names_with(lambda record: False)
-    assert swinging().present.names == frozenset()
-
-
 def test_what_laws_leave_out_of_their_errors() -> None:
     """0.3 ms of a delay, two per cent of a gap: controllers hold a torque, teeth give way."""
     assert record_of("time_delay").left_out["delay"] == (pytest.approx(3e-4), 0.0)
@@ -166,6 +160,6 @@ def test_what_laws_leave_out_of_their_errors() -> None:
 
 def test_what_is_built_in_does_not_begin_amid_a_log() -> None:
     """Noise that grows with the torque was told as a rotor of 0.004 kg·m² that came six seconds into a run."""
-    beginning = names_with(lambda record: record.starts)
+    beginning = {record.name for record in records() if record.starts}
     assert {"payload", "coulomb_friction", "torque_bias", "joint_spring"} <= beginning
     assert not beginning & {"reflected_inertia", "joint_elasticity", "backlash", "torque_ripple", "time_delay"}

@@ -18,6 +18,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import physical_fit
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
+from twin_diagram.gap.whole_robot.concluding import confidences, what_each_brings
 from twin_diagram.gap.whole_robot.evident import evident
 from twin_diagram.gap.whole_robot.explain import begun, concluded, rather, settled, settled_beside
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
@@ -95,6 +96,17 @@ def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> 
     plain = problem()
     assert not unusual(plain, solve(plain), ARM).sums.further
     assert loaded(plain, solve(plain)) is None
+
+
+def test_a_name_is_as_sure_as_left_out_motion_makes_it() -> None:
+    """A tilt that is there brings a lot, and the same name where there is none nothing: it had 1 either way."""
+    found = unusual(problem(TILT), solve(problem(TILT)), ARM)
+    plain = with_candidate(problem(), found.sums.further[0], 5)
+    sure = []
+    for each in (found, plain):
+        brought = what_each_brings(each, LeftOut.of(each, solve(each)))
+        sure.append(confidences(each, brought)["gravity_tilt"])
+    assert sure[0] > 0.999 and sure[1] < 0.9
 
 
 def test_a_tilt_is_evident_beside_everything_usual_and_gains_that_are_off_are_none() -> None:

@@ -14,9 +14,11 @@ import pytest
 
 from tests.assets.building.pictured import Shots, box, cameras, shots, write
 from twin_diagram.errors import FramesError
-from twin_diagram.logs.frames import FrameFolder
+from twin_diagram.logs.frames import FrameFolder, ViewCamera
+from twin_diagram.logs.frames.extra_camera import ExtraCamera
 from twin_diagram.logs.frames.scene_folder import read_mask
 from twin_diagram.signals.calibration_error import CalibrationError
+from twin_diagram.signals.lens import Lens, unit_rays
 
 
 @pytest.fixture(scope="module")
@@ -102,8 +104,27 @@ def test_distortion_is_taken_out(folder: Path, taken: Shots) -> None:
     x, y = (20 - c.cx) / c.fx, (30 - c.cy) / c.fy
     r2 = x * x + y * y
     u, v = x * (1 + 0.3 * r2) * c.fx + c.cx, y * (1 + 0.3 * r2) * c.fy + c.cy
-    assert frame.depth[30, 20] == pytest.approx(taken.frames[0].depth[round(v), round(u)], abs=1e-4)
+    ray = c.R_WC @ [(u - c.cx) / c.fx, (v - c.cy) / c.fy, 1.0]
+    assert frame.depth[30, 20] == pytest.approx(-c.p_WC[2] / ray[2], abs=2e-4)  # the table's; depth is in tenths of mm
     assert abs(u - 20) > 1.5
+
+
+@pytest.mark.parametrize("distortion", [(-0.28, 0.07, 0.0002, -0.0003, 0.0), (-0.28, 0.07, 0.0002, -0.0003)])
+def test_depth_of_a_bent_picture_is_that_between_its_pixels(distortion: tuple[float, ...]) -> None:
+    """A wall seen at 45°: the nearest pixel's depth would be up to 5 mm off."""
+    bent = Lens(640, 480, 600.0, 600.0, 320.3, 238.1, (*distortion, 0.0)[:5])
+    camera = ViewCamera(640, 480, 600.0, 600.0, 320.3, 238.1, np.eye(3), np.zeros(3))
+    n = np.array([1.0, 0.0, -1.0])
+    seen, want = ((-1.0 / (unit_rays(lens) @ n)).astype(np.float32) for lens in (bent, bent.straight))
+    got = ExtraCamera(np.array(distortion), np.array(distortion)).straight_depth(seen, camera)
+    there = (got > 0.0) & (want > 0.0) & (want < 3.0)
+    assert there.mean() > 0.5 and np.abs(got - want)[there].max() < 1e-4
+
+
+def test_a_distortion_that_no_lens_has_is_refused(folder: Path) -> None:
+    (folder / "camera_extra.json").write_text(json.dumps({"distortion": [-5, 0, 0, 0]}))
+    with pytest.raises(FramesError, match=r"camera_extra.json: distortion -5, 0, 0, 0 folds the picture over"):
+        FrameFolder(folder).read(0)
 
 
 def test_how_well_a_camera_is_calibrated_may_be_told(folder: Path) -> None:
@@ -118,6 +139,11 @@ def test_how_well_a_camera_is_calibrated_may_be_told(folder: Path) -> None:
 
 def extra(folder: Path, told: str) -> None:
     (folder / "camera_extra.json").write_text(f'{{"calibration_std": {told}}}')
+
+
+def depth_camera(folder: Path, K: str, **more: list[int]) -> None:
+    own = {"cam_K": [int(x) for x in K.split(",")], **more}
+    (folder / "camera_extra.json").write_text(json.dumps({"depth_camera": own}))
 
 
 def out(path: Path, target: Path) -> None:
@@ -172,6 +198,8 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "times": (lambda f: (f / "times.json").write_text("[0, 2, 1]"), "times must be finite and rise"),
     "few times": (lambda f: (f / "times.json").write_text("[0, 2]"), "a time .* for each of the 3 frames"),
     "distortion": (lambda f: (f / "camera_extra.json").write_text('{"distortion": [1, 2]}'), "0 or 4 or 5 finite"),
+    "inverse depth camera": (lambda f: depth_camera(f, K="1, 0, 0, 0, 1, 0, 0, 0, 1", R_DC=[1]), "R_DC is not read"),
+    "skew depth camera": (lambda f: depth_camera(f, K="9, 1, 0, 0, 9, 0, 0, 0, 1"), "depth_camera: cam_K must be"),
     "no calibration": (lambda f: extra(f, "3"), "calibration_std must hold position, .*, not 3"),
     "another calibration": (lambda f: extra(f, '{"shift": 1}'), "calibration_std must hold position"),
     "negative calibration": (lambda f: extra(f, '{"focal": -0.1}'), "calibration_std: focal is negative: -0.1"),

@@ -16,6 +16,7 @@ from pydrake.geometry import (
     Ellipsoid,
     GeometryInstance,
     HalfSpace,
+    Mesh,
     ProximityProperties,
     Role,
     SceneGraph,
@@ -82,6 +83,16 @@ def test_the_distance_to_a_shape_is_that_of_its_formula(name: str) -> None:
     points = np.random.default_rng(2151).uniform(-0.6, 0.6, (500, 3))
     np.testing.assert_allclose(found[1](points), wanted(points), atol=1e-9)
     assert 5 < np.count_nonzero(wanted(points) < 0.0) < 300
+
+
+@pytest.mark.parametrize("faces", ["f 1 2 3", "f 1 2 3\nf 1 3 4"])
+def test_a_plate_without_thickness_has_a_distance_to_both_sides(tmp_path: Path, faces: str) -> None:
+    file = tmp_path / "plate.obj"
+    file.write_text(f"v 0 -0.1 -0.1\nv 0 0.1 -0.1\nv 0 0.1 0.1\nv 0 -0.1 0.1\n{faces}\n")
+    found = distance_to(Mesh(str(file)))
+    assert found is not None
+    points = np.array([[x, 0.05, -0.05] for x in (-0.03, -0.001, 0.001, 0.03)])
+    np.testing.assert_allclose(found[1](points), [0.03, 0.001, 0.001, 0.03], atol=2e-4)
 
 
 def test_what_has_no_end_is_no_part_of_a_robot() -> None:

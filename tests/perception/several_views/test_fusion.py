@@ -59,6 +59,27 @@ def test_each_direction_is_told_by_who_sees_it_best() -> None:
     assert np.abs(place(fuse([first, second]))).max() < 1e-4
 
 
+def test_noise_and_calibrations_pass_on_as_a_cameras_share_in_the_pose_does() -> None:
+    """That share is what a small step of one camera's pose makes of the fused one."""
+    noises, rests = (
+        [A @ A.T + 1e-8 * np.eye(6) for A in RNG.standard_normal((2, 6, 6)) * size] for size in (5e-4, 1e-3)
+    )
+
+    def fused_at(which: int, step: Array) -> tuple[Array, Array, Array]:
+        cameras = [seen(step if v == which else np.zeros(6)) for v in range(2)]
+        told = [PoseMeasurement(0.9, 1.0, one.measured.pose, noises[v]) for v, one in enumerate(cameras)]
+        fused = fuse([SeenBy(one, rests[v], np.zeros(6), 3.0, 1.0 / 15.0) for v, one in enumerate(told)])
+        assert fused.rest is not None
+        turn = 2.0 * fused.measured.pose[1:4] * np.sign(fused.measured.pose[0])
+        return np.concatenate([turn, place(fused)]), fused.measured.covariance, fused.rest
+
+    shares = [np.stack([fused_at(v, 1e-5 * axis)[0] / 1e-5 for axis in np.eye(6)], axis=1) for v in range(2)]
+    _, covariance, rest = fused_at(0, np.zeros(6))
+    for claimed, own in ((covariance, noises), (rest, rests)):
+        wanted = sum(W @ part @ W.T for W, part in zip(shares, own, strict=True))
+        np.testing.assert_allclose(claimed, wanted, rtol=1e-3, atol=1e-3 * np.abs(wanted).max())
+
+
 def test_the_claim_holds_over_many_draws() -> None:
     """Squared errors over the claimed covariance, noise and rest together: χ² of 6."""
     squares = []

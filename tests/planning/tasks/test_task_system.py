@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,10 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.model.model import Model
-from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome
+from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, TaskState, Why
+from twin_diagram.planning.tasks.step_view import Takeable
 from twin_diagram.planning.tasks.task_system import Fingers, TaskRunner
+from twin_diagram.planning.tasks.watching_hand import watched
 from twin_diagram.scenario import load_scenario
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.hand import HAND_SIZE, Hand
@@ -122,6 +125,19 @@ def test_a_tool_that_moves_has_not_arrived(runner: TaskRunner, model: Model) -> 
     seen = runner._seen(run.context)
     p = model.tool_pose(HOME).translation()
     assert seen is not None and seen.speed == pytest.approx(0.1 * np.hypot(p[0], p[1]))
+
+
+def test_a_perception_s_pose_that_is_no_number_shows_nothing(runner: TaskRunner, model: Model) -> None:
+    """Of a user's own: a covariance of NaN ended the run in a traceback."""
+    run = Run(runner, model)
+    run.put(object_poses=PoseMeasurement(1.0, 0.5, HOME, np.full((6, 6), np.nan)).pack())
+    run.to(0.55)
+    seen = runner._seen(run.context)
+    assert seen is not None and seen.measured[0].quality == 0.0 and np.isfinite(seen.measured[0].pack()).all()
+    hand = Hand(0, -1, True, np.array([1.0, 0, 0, 0, 0, 0, 0]), 1e-6 * np.eye(6))
+    state = replace(TaskState(), hand=hand, image=0.0)
+    can = Takeable((np.eye(3),), False)
+    assert watched(state, replace(seen, opening=0.02), can)[1] is Why.NONE
 
 
 def test_two_contexts_do_not_know_of_each_other(runner: TaskRunner, model: Model) -> None:

@@ -219,6 +219,23 @@ def test_robots_are_sorted_by_what_is_wrong_and_the_first_day_that_shows_it() ->
 
 
 @pytest.mark.parametrize(
+    ("dates", "first"),
+    [
+        (["2026-10-01", "2026-02-01"], "2026-02-01"),
+        (["1.10.2026", "02.2.2026"], "02.2.2026"),
+        (["2026/10/1", "2026/2/1"], "2026/2/1"),
+        (["10", "9"], "9"),
+        (["10/1/2026", "2/1/2026"], "10/1/2026"),
+        (["2026-10-01T08:00+01:00", "2026-02-01"], "2026-10-01T08:00+01:00"),
+    ],
+    ids=["ISO", "with dots", "with slashes, year first", "numbers", "one of two days: as in the table", "mixed"],
+)
+def test_the_first_day_is_the_first_of_dates_of_one_kind(dates: list[str], first: str) -> None:
+    """They were sorted as text, by which October comes before February."""
+    assert first_days([VisitResult("r", date, "unknown") for date in dates]) == [("unknown", "r", first)]
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "holds no robot"),

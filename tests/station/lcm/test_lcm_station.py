@@ -226,6 +226,32 @@ def test_time_starts_where_the_first_message_arrives() -> None:
     assert command.control_mode_expected == 5
 
 
+@pytest.mark.parametrize("begins", [0, 3_000_000, 2_000_000_000_000_000])
+def test_time_goes_on_where_a_driver_begins_anew(begins: int) -> None:
+    """Its clock starts again, or was set: counted from the first message, times would be before all time."""
+    bus, epoch = Bus(scenario(), command=np.full(7, 0.5)), 1_700_000_000_000_000
+    for k in range(4):
+        bus.status(epoch + 5000 * k)
+        bus.simulator.AdvanceTo(0.005 * (k + 1))
+    bus.simulator.AdvanceTo(0.1)
+    times = []
+    for k, stamp in enumerate([0, 5000, 15000, 10000, 20000]):  # two overtake one another
+        bus.status(begins + stamp)
+        bus.simulator.AdvanceTo(0.105 + 0.005 * k)
+        times.append(bus[ports.MEASUREMENT_TIME][0])
+    np.testing.assert_allclose(np.diff(times), [0.005, 0.01, -0.005, 0.01], atol=1e-9)
+    assert abs(times[0] - 0.1) < 0.003
+    assert abs(bus.command.utime - (begins + 20000)) < 11000  # drivers check it
+
+
+def test_messages_that_overtake_one_another_or_come_late_set_no_clock() -> None:
+    bus, epoch = Bus(scenario()), 1_700_000_000_000_000
+    for stamp in (0, 900_000, 100_000, 30_000_000, 29_500_000):
+        bus.status(epoch + stamp)
+        bus.simulator.AdvanceTo(bus.context.get_time() + 0.005)
+        assert abs(bus[ports.MEASUREMENT_TIME][0] - 1e-6 * stamp) < 0.006
+
+
 def test_angles_that_jump_by_a_turn_go_on_and_commands_go_out_in_the_drivers_turn() -> None:
     """A driver whose encoders count one turn only: a joint that goes on beyond pi comes back at -pi."""
     bus, turn = Bus(scenario(), command=np.full(7, 3.3)), 2.0 * np.pi
@@ -411,6 +437,11 @@ def test_a_damaged_image_is_refused() -> None:
     message.images = [image(b"no zip", **fields)]
     with pytest.raises(StationError, match="cannot be unpacked"):
         read_images(message, UNIT)
+    grey = cv2.imencode(".png", COLOUR[..., 0])[1].tobytes()
+    fields["compression_method"] = lcmt_image.COMPRESSION_METHOD_PNG
+    message.images = [image(grey, **fields)]
+    with pytest.raises(StationError, match="1 channel where 3 are told"):
+        read_images(message, UNIT)
     message.images = [image(b"", pixel_format=lcmt_image.PIXEL_FORMAT_DEPTH)]
     with pytest.raises(StationError, match="channel type"):
         read_images(message, UNIT)
@@ -430,6 +461,9 @@ def test_a_camera_with_a_clock_of_its_own() -> None:
     bus.simulator.AdvanceTo(0.3)
     assert abs(bus["camera.image_time"][0] - (0.2 - 0.035)) < 1e-9
     assert np.array_equal(bus["camera.depth_image"].data[..., 0], DEPTH)
+    bus.lcm.Publish("CAMERA_IMAGES", write_images(7, "eye", COLOUR, DEPTH).encode())  # it was started again
+    bus.simulator.AdvanceTo(0.305)
+    assert abs(bus["camera.image_time"][0] - (0.3 - 0.035)) < 0.006
     small = np.zeros((3, 4, 4), np.uint8)
     bus.lcm.Publish("CAMERA_IMAGES", write_images(5_200_000, "eye", small, DEPTH[:3, :4]).encode())
     bus.simulator.AdvanceTo(0.31)

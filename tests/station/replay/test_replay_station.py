@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -318,10 +319,27 @@ def lost_image(folder: Path) -> None:
     (folder / "camera" / "depth_000003.png").unlink()
 
 
+def swapped(file: str, old: str, new: str) -> Callable[[Path], None]:
+    def damage(folder: Path) -> None:
+        text = (folder / file).read_text()
+        assert old in text
+        (folder / file).write_text(text.replace(old, new, 1))
+
+    return damage
+
+
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
         (no_manifest, "no manifest"),
+        (swapped("log.csv", "time,", "seconds,"), r"log\.csv: no column time"),
+        (swapped("messages.csv", "time,delivery", "time"), r"messages\.csv"),
+        (lambda folder: (folder / "messages.csv").write_text("time\n0.1\n"), "needs the columns time, delivery"),
+        (lambda folder: (folder / "camera" / "frames.csv").write_text("index,capture\n"), r"frames\.csv: needs the"),
+        (swapped("manifest.yaml", "sensors: []", "sensors: null"), "sensors: None is no list of names"),
+        (swapped("manifest.yaml", "depth_shape: null", "depth_shape: [8]"), "not width and height"),
+        (swapped("manifest.yaml", "  width: ", "  width: 0  # "), r"camera\.width: 0 is no number"),
+        (swapped("manifest.yaml", "depth_unit: ", "depth_unit: -"), "is not a length"),
         (odd_manifest, "not a recording's manifest"),
         (list_manifest, "not a recording's manifest"),
         (newer_version, "version 7"),

@@ -263,6 +263,14 @@ def test_a_tape_that_lacks_the_log_fails_the_search_in_one_line(bench: Any) -> N
     assert one.at(3.4) == []
 
 
+def test_an_alarm_between_microseconds_is_told_once(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clocks of logs and buses run finer than the records' times."""
+    one = bench()
+    one.alarm(1.234568)
+    monkeypatch.setattr(Twin, "raised", 1.2345678)
+    assert one.at(1.3, 1.4, 1.5) == ["alarm"]
+
+
 def test_without_a_tape_alarms_are_told_and_no_folder_is_made(tmp_path: Path) -> None:
     twin, events = Twin(), list[dict[str, Any]]()
     for folder in (None, tmp_path):

@@ -222,4 +222,5 @@ def _volume_notes(surface: Surface, solid: EvenBody) -> list[str]:
     if solid.by == "surface":
         return []
     how = "its convex hull" if solid.by == "hull" else "filling it, small holes closed"
-    return [f"not watertight: volume {solid.volume * 1e6:.4g} cm³, centre and inertia are by {how}"]
+    why = "bodies in it overlap" if surface.closed else "not watertight"
+    return [f"{why}: volume {solid.volume * 1e6:.4g} cm³, centre and inertia are by {how}"]

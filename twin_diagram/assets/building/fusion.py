@@ -215,6 +215,8 @@ def _add(
     ]
     for first in range(0, grid.shape[0], slab):
         x, y, z = (np.float32(step[k, 0]) * index[0][first : first + slab, None] + flat[k] for k in range(3))
+        # OpenCV looks no more than 32,766 places up in a row, and a thing that stands on edge has more in a slab.
+        x, y, z = (part.reshape(-1, grid.shape[2]) for part in (x, y, z))
         np.maximum(z, np.float32(1e-3), out=z)
         u = x / z * np.float32(camera.fx) + np.float32(camera.cx)
         v = y / z * np.float32(camera.fy) + np.float32(camera.cy)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
+from twin_diagram.assets.building.overlap import overlap
 from twin_diagram.assets.building.surface import Faces, Surface
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
@@ -28,6 +29,9 @@ class Tuning:
 
     most_filled: float = 1.1
     """Times its hull: of a sheet thinner than a cell more is filled, and its hull is taken; of a ball it is 1.02."""
+
+    overlap: float = 0.005
+    """Share of a closed surface's inside from which bodies that overlap are filled as one, not added up."""
 
     flat: float = 1e-4
     """A hull with less volume than this share of its size, cubed, is a sheet."""
@@ -62,13 +66,13 @@ def solid_of(surface: Surface) -> EvenBody:
     """Return the body within a surface.
 
     A closed surface is exact, also with cavities, whose walls face inwards. An open one is filled, with small holes
-    closed; where nothing is inside of it, its convex hull counts.
+    closed, and so is one of bodies that overlap; where nothing is inside of it, its convex hull counts.
 
     Raises:
         AssetError: a sheet, without volume.
     """
     hull = hull_of(surface.vertices)
-    if surface.closed:
+    if surface.closed and overlap(surface) < TUNING.overlap:
         solid = enclosed(surface.vertices, surface.faces, "surface")
         if solid.volume > TUNING.flat * hull.volume:
             return solid
@@ -121,7 +125,7 @@ def enclosed(vertices: Array, faces: Faces, by: str) -> EvenBody:
 def filling(vertices: Array, faces: Faces) -> tuple[EvenBody, float] | None:
     """Return the body within an open surface, by cells, and the volume of those wholly inside; None: none is.
 
-    Cells on the surface count half.
+    Cells on the surface count half, but for those of a wall inside of the body.
     """
     edge = float(np.ptp(vertices, axis=0).max()) / TUNING.cells
     pad = TUNING.leak + 2
@@ -139,7 +143,9 @@ def filling(vertices: Array, faces: Faces) -> tuple[EvenBody, float] | None:
     inside = body & ~wall
     if not inside.any():
         return None
-    weight = inside + 0.5 * wall
+    # Of walls that lie within, where one body goes on in another, the whole cell is full.
+    within = wall & ~ndimage.maximum_filter(~body, 3)
+    weight = inside + 0.5 * wall + 0.5 * within
     at = np.argwhere(weight > 0)
     share = weight[tuple(at.T)] * edge**3
     r = low + (at - pad + 0.5) * edge

@@ -194,8 +194,8 @@ def z_up(points: Array) -> Array:
 
 
 def x_becomes_up(points: Array) -> Array:
-    """Turn points (…, 3) of axes with x upwards into such with z upwards; y becomes −x, as COLLADA has it."""
-    return np.stack([-points[..., 1], points[..., 2], points[..., 0]], axis=-1)
+    """Turn points (…, 3) of axes with x upwards into such with z upwards; y becomes −x, z −y, as COLLADA has it."""
+    return np.stack([-points[..., 1], -points[..., 2], points[..., 0]], axis=-1)
 
 
 def _part_of(mesh: Any, X: Array, looks: bool, image: Image | None) -> Part:

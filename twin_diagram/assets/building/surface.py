@@ -110,6 +110,11 @@ def _pairs(faces: Faces) -> tuple[Faces, Faces, npt.NDArray[np.bool_]]:
     return owner[first], owner[second], upwards[first] != upwards[second]
 
 
+def edge_pairs(faces: Faces) -> tuple[Faces, Faces]:
+    """Return the two triangles at each edge that has exactly two."""
+    return _pairs(faces)[:2]
+
+
 def _is_consistent(faces: Faces) -> bool:
     return bool(_pairs(faces)[2].all())
 

@@ -48,6 +48,9 @@ class Tuning:
     slides: float = 0.03
     """Joints as fast as this slide, for certain [rad/s]."""
 
+    lever: float = 0.25
+    """Metres that a prismatic joint goes where a revolute one would turn by a radian: gears and rims are so large."""
+
     sure: float = 5.0
     """And as fast as this many standard deviations of the speeds' sensor: a filter that hears a joint through noise
     finds out late that it has started."""
@@ -106,7 +109,8 @@ class TorqueTest:
             sigma: k.
         """
         self._terms, self._parameters, self._sigma = terms, parameters, sigma
-        self._slides = max(TUNING.slides, TUNING.sure * tuning.velocity_std)
+        own = TUNING.slides * np.where(terms.prismatic, TUNING.lever, 1.0)
+        self._slides = np.maximum(own, TUNING.sure * tuning.velocity_std)
         self._floor = np.hypot(TUNING.white * tuning.torque_std, tuning.torque_drift_std)
         self._each = np.arange(terms.n)
         self._creeps = max(tuning.excitation, TUNING.seen * tuning.velocity_std)

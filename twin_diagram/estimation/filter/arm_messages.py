@@ -79,7 +79,7 @@ def start(core: Core, q: Array, v: Array, tau: Array, t: float) -> None:
     belief.header[Entry.FRESH] = 1.0
     belief.header[Entry.SPAN] = 0.0
     forget(belief)
-    belief.header[[Entry.RELEASED, Entry.HEARD]] = t
+    belief.header[[Entry.RELEASED, Entry.HEARD, Entry.MESSAGE]] = t
     belief.P[:] = 0.0
     belief.P[3 * n :, 3 * n :] = kept
     dry = core.terms.dry(core.terms.true_position(belief.q), belief.v, belief.torque)
@@ -131,13 +131,22 @@ def course_of(core: Core, q: Array, v: Array, t: float, heard: bool) -> Course:
         return Course.FIRST
     dt, streak = t - belief.time, float(belief.header[Entry.STREAK])
     if dt <= 1e-9:
-        if history.knows(t):  # the same message seen again is no sign of trouble
+        # The same message seen again is no sign of trouble. A step may have ended there for another sensor's sake.
+        if not follows(belief, t) and history.knows(t):
             return Course.STALE
         # A run of messages that go back in time is a clock that was set back.
         if streak + 1.0 < UPDATE.refusals:
             return Course.LATE if t >= history.oldest else Course.TOO_OLD
         return Course.RESTART
     return Course.NEXT if dt <= TUNING.longest_gap and streak < UPDATE.refusals else Course.RESTART
+
+
+def follows(belief: Belief, t: float) -> bool:
+    """Return whether a message of time t [s] is newer than all of the arm's before it, if not than the state.
+
+    A further sensor that is quicker than the arm's own brings the state to its own time, ahead of the arm's messages.
+    """
+    return bool(t > belief.header[Entry.MESSAGE] + 1e-9)
 
 
 def count(belief: Belief, course: Course, heard: bool) -> None:

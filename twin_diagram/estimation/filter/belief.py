@@ -46,24 +46,26 @@ class Entry(IntEnum):
     """When the newest alarm about the joints that the filter heeded was raised [s]; 0 before the first."""
     COUNTED = 11
     """Messages by which the noise has settled: the more, the slower it follows."""
-    ACCEPTED = 12
-    REFUSED = 13
+    MESSAGE = 12
+    """Time of the newest message of the arm that could be read, used or not [s]; `NEVER` before the first."""
+    ACCEPTED = 13
+    REFUSED = 14
     """Messages with a reading outside its gate."""
-    SURPRISES = 14
+    SURPRISES = 15
     """Messages that only an unmodelled torque explains."""
-    STALE = 15
+    STALE = 16
     """Messages seen before, or too old to be fused at their own time."""
-    INVALID = 16
+    INVALID = 17
     """Messages with a NaN, an infinity or an absurd value."""
-    RESTARTS = 17
+    RESTARTS = 18
     """State taken anew from a message after a gap in time or a run of refusals."""
-    OPENINGS = 18
+    OPENINGS = 19
     """Times that an abrupt change opened the parameter covariance."""
-    LATE = 19
+    LATE = 20
     """Messages that arrived after newer ones and were fused at their own time."""
-    GATHERED = 20
+    GATHERED = 21
     """Messages of the arm since trouble began, whose innovations `troubled` sums; 0 while all is well."""
-    CALM = 21
+    CALM = 22
     """Of these, the newest ones in a row that were neither refused nor a surprise."""
 
 
@@ -171,7 +173,7 @@ class Belief:
         parts = [self.vector[a:b] for a, b in pairwise(ends)]
         self.tracks, self.levels = parts[: len(sensors)], parts[len(sensors) :]
         self.header[Entry.TIME] = NEVER
-        self.header[Entry.HEARD] = NEVER
+        self.header[[Entry.HEARD, Entry.MESSAGE]] = NEVER
         for track in self.tracks:
             track[SensorTrack.LAST] = NEVER
             track[SensorTrack.NIS_MEAN] = 1.0

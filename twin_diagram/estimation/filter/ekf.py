@@ -42,6 +42,7 @@ from twin_diagram.estimation.filter.arm_messages import (
     Course,
     count,
     course_of,
+    follows,
     heard,
     keep_record,
     sized,
@@ -250,7 +251,7 @@ class Ekf(Core):
         course = course_of(self, q, v, t, known)
         count(self.belief, course, known)
         if course is Course.LATE:
-            return fuse(self, self.joints, np.concatenate([q, v]), t).accepted
+            return self._late(q, v, tau, t, known)
         if course not in (Course.FIRST, Course.RESTART, Course.NEXT):
             return False
         if not known:
@@ -272,6 +273,34 @@ class Ekf(Core):
             self.start(q, v, tau, t)
         return True
 
+    def _late(self, q: Array, v: Array, tau: Array, t: float, heard: bool) -> bool:
+        """Fuse a message at its own time, which lies before the state's; return whether it was used.
+
+        Args:
+            q: (n,) [rad].
+            v: (n,) [rad/s].
+            tau: (n,) [N·m].
+            t: [s].
+            heard: whether the torques are the message's own.
+        """
+        belief, header = self.belief, self.belief.header
+        newest, before = follows(belief, t), float(header[Entry.MESSAGE])
+        try:
+            whole = fuse(self, self.joints, np.concatenate([q, v]), t)
+        except FilterError:  # it was left out
+            header[Entry.INVALID] += 1
+            return False
+        if newest:
+            # All is as it should be with it: it is the state that another sensor took ahead.
+            header[Entry.MESSAGE] = t
+            self.step_mass = self._mass()
+            keep_record(self, whole, t - before, trusted=False)
+            if whole.accepted:
+                header[Entry.HEARD] = t
+            if heard:
+                belief.torque[:] = tau
+        return whole.accepted
+
     def _cycle(self, q: Array, v: Array, tau: Array, t: float, heard: bool) -> None:
         """Take in the next message: predict, gate, update, adapt, learn.
 
@@ -288,7 +317,7 @@ class Ekf(Core):
         header[Entry.FRESH] = 0.0
         torque_std = self.params.torque_std if trusted else self.terms.effort_limit
         propagate(self, 0.5 * (belief.torque + tau), dt, torque_std)
-        header[Entry.TIME], belief.torque[:] = t, tau
+        header[[Entry.TIME, Entry.MESSAGE]], belief.torque[:] = t, tau
         self.history.retime(t)
         # Gate.
         at = self.linear(self.joints, belief.x, belief.P, 0)

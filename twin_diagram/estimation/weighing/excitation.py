@@ -181,11 +181,7 @@ def optimise_excitation(
         raise WeighingError(f"posture must be {len(model.joints)} finite numbers, not {posture}")
     limits = MotionLimits.of(model) if limits is None else limits
     held = Held.in_tool(model, X_TO)
-    outside = [
-        joint
-        for joint, x, a, b in zip(model.joints, posture, limits.lower, limits.upper, strict=True)
-        if not a <= x <= b
-    ]
+    outside = [model.joints[k] for k in held.rows if not limits.lower[k] <= posture[k] <= limits.upper[k]]
     if outside:
         raise WeighingError(f"posture: {', '.join(outside)} outside the limits; move it inside")
     if clear is not None and not clear(posture[None])[0]:

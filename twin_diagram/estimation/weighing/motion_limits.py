@@ -34,7 +34,7 @@ class MotionLimits:
     """Per joint of the arm, (n,), in the model's order.
 
     Attributes:
-        lower, upper: positions [rad].
+        lower, upper: positions [rad]; infinite where a joint turns on and on: `near` a posture they are finite.
         velocity: [rad/s]
         acceleration: [rad/s²]
         torque: of the motors, with the object [N·m].
@@ -63,8 +63,8 @@ class MotionLimits:
                     raise WeighingError(f"{joint}: the description states no {name} limit; give MotionLimits yourself")
         quick = TUNING.quickness * model.velocity_limit if acceleration is None else np.asarray(acceleration)
         return MotionLimits(
-            np.where(np.isfinite(model.lower), model.lower, -np.pi) + TUNING.margin,
-            np.where(np.isfinite(model.upper), model.upper, np.pi) - TUNING.margin,
+            model.lower + TUNING.margin,
+            model.upper - TUNING.margin,
             TUNING.share * model.velocity_limit,
             quick,
             TUNING.share * model.effort_limit,

@@ -183,11 +183,6 @@ def records() -> tuple[EffectRecord, ...]:
     return tuple(RECORDS.values())
 
 
-def names_with(holds: Callable[[EffectRecord], bool]) -> frozenset[str]:
-    """Return the names of registered records of which something holds."""
-    return frozenset(record.name for record in RECORDS.values() if holds(record))
-
-
 def record_of(name: str) -> EffectRecord:
     """Return the record of a name; where none is registered, one that says what the effect's class says of itself."""
     if name in RECORDS:

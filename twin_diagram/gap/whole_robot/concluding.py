@@ -247,21 +247,33 @@ def own_units(problem: RobotProblem) -> range:
 
 
 def what_each_brings(problem: RobotProblem, left_out: LeftOut) -> dict[int, Array]:
-    """Return per free one of `units` by how much it makes left-out motion of each joint likelier (n,) [nats]."""
-    linear, parts = Linearised.of(left_out), units(problem)
+    """Return per free one of `units`, then per one of what is further there, what it brings (n,) [nats].
+
+    That is by how much it makes left-out motion of each joint likelier.
+    """
+    linear, places = Linearised.of(left_out), np.arange(len(problem.mean))
+    further = [np.isin(places, places[problem.place(at)]) for at in range(len(problem.sums.further))]
+    parts = [*units(problem), *further]
     now = linear.likelihood(np.zeros(len(problem.mean), dtype=bool))
     return {k: now - linear.likelihood(part) for k, part in enumerate(parts) if np.any(problem.free & part)}
 
 
 def confidences(problem: RobotProblem, brought: dict[int, Array]) -> dict[str, float]:
     """Return per name how sure all its places are: as the weakest of them, by what it brings left-out motion."""
-    n = problem.n
+    n, own = problem.n, own_units(problem)
     weakest: dict[str, float] = {}
     for k, lost in brought.items():
-        j, term = divmod(k - n, len(OWN))
-        name = InertialParameters.name if k < n else estimates.name_of(problem, j, term)
-        gain = float(np.sum(lost) if k < n else lost[j])
+        gain = float(np.sum(lost))
+        if k < own.start:
+            name = InertialParameters.name
+        elif k in own:
+            j, term = divmod(k - n, len(OWN))
+            name, gain = estimates.name_of(problem, j, term), float(lost[j])
+        else:
+            name = problem.sums.further[k - own.stop].name
         weakest[name] = min(weakest.get(name, np.inf), gain)
     for j, term in np.argwhere(problem.gone):
         weakest.setdefault(estimates.name_of(problem, int(j), int(term)), TUNING.gone)
+    for candidate in problem.sums.further:  # what acts for a while is weighed by itself
+        weakest.setdefault(candidate.name, np.inf)
     return {name: float(1.0 / (1.0 + np.exp(-np.clip(gain, -30.0, 30.0)))) for name, gain in weakest.items()}

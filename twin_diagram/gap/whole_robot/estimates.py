@@ -203,7 +203,7 @@ def _further(
         told = candidate.parameters(z[s], spread[s, s])
         joints = tuple(model.joints[j] for j in candidate.joints)
         when = [None if moment is None else Moment(*moment, step) for moment in (candidate.onset, candidate.end)]
-        nothing = Finding(name, (), candidate.links, {}, sure.get(name, 1.0), onset=when[0], end=when[1])
+        nothing = Finding(name, (), candidate.links, {}, sure[name], onset=when[0], end=when[1])
         before = found.get(name, nothing)
         parameters = dict(before.parameters)
         for key, (value, error) in told.items():

@@ -19,7 +19,7 @@ from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.search.golden_section import least
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.concluding import corrected
-from twin_diagram.gap.whole_robot.held_joints import dry_levels, without_held
+from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import TorqueEquations, low_passed
 from twin_diagram.gap.whole_robot.unusual import TUNING as UNUSUAL

@@ -15,7 +15,7 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import estimates
-from twin_diagram.gap.whole_robot.held_joints import dry_levels, without_held
+from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
 from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD

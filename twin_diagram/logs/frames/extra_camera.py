@@ -21,13 +21,15 @@ from twin_diagram.logs.frames.folder_files import in_folder, read_json
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import CalibrationError
+from twin_diagram.signals.lens import Lens, depth_between, folds, straightening
 
 
 @dataclass(frozen=True)
 class ExtraCamera:
     """Distortion of both cameras, (5,) or empty, and the depth camera's (fx, fy, cx, cy).
 
-    R_CD and p_CD [m] where it is apart. `calibration`: how well all that is known; None where it is not told.
+    R_CD and p_CD [m] where it is apart. `calibration`: how well all that is known; None where it is not told. `file`:
+    that says so.
     """
 
     distortion: Array
@@ -37,6 +39,7 @@ class ExtraCamera:
     R_CD: Array | None = None
     p_CD: Array | None = None
     calibration: CalibrationError | None = None
+    file: Path = Path("camera_extra.json")
 
     def depth_camera(self, colour: ViewCamera, size: tuple[int, ...]) -> ViewCamera:
         """Return the camera of a depth image of `size` (h, w) beside that of the colour image."""
@@ -46,13 +49,34 @@ class ExtraCamera:
         return ViewCamera(size[1], size[0], *self.depth_K, R_WD, p_WD)
 
     def straight(self, image: npt.NDArray[np.uint8], camera: ViewCamera) -> npt.NDArray[np.uint8]:
-        """Return an image as the camera would have taken it without distortion."""
-        return image if not self.distortion.any() else np.asarray(_remapped(image, camera, self.distortion), np.uint8)
+        """Return an image, or a mask, as the camera would have taken it without distortion.
+
+        Raises:
+            FramesError: the distortion is none that a lens has.
+        """
+        lens = self._lens(camera, self.distortion)
+        how = cv2.INTER_LINEAR if image.ndim == 3 else cv2.INTER_NEAREST
+        return image if lens is None else np.asarray(cv2.remap(image, *straightening(lens), how), np.uint8)
 
     def straight_depth(self, depth: npt.NDArray[np.float32], camera: ViewCamera) -> npt.NDArray[np.float32]:
-        """Return depth without distortion: each pixel the nearest one's value, never a mean across an edge."""
-        bent = self.depth_distortion if self.depth_apart else self.distortion
-        return depth if not bent.any() else np.asarray(_remapped(depth, camera, bent), np.float32)
+        """Return depth without distortion: each pixel that of the surface there, never a mean across an edge.
+
+        Raises:
+            FramesError: as of `straight`.
+        """
+        lens = self._lens(camera, self.depth_distortion if self.depth_apart else self.distortion)
+        return depth if lens is None else depth_between(depth, *straightening(lens))
+
+    def _lens(self, camera: ViewCamera, distortion: Array) -> Lens | None:
+        """Return a camera's lens; None where it bends nothing."""
+        if not distortion.any():
+            return None
+        k1, k2, p1, p2, k3 = (*map(float, distortion), 0.0)[:5]
+        lens = Lens(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, (k1, k2, p1, p2, k3))
+        if folds(lens):
+            told = ", ".join(f"{k:g}" for k in distortion)
+            raise FramesError(f"{self.file}: distortion {told} folds the picture over")
+        return lens
 
 
 def read_extra(folder: Path) -> ExtraCamera:
@@ -71,14 +95,18 @@ def read_extra(folder: Path) -> ExtraCamera:
     distortion = _list(raw, "distortion", (0, 4, 5), path)
     calibration = _calibration(raw, path)
     if own is None:
-        return ExtraCamera(distortion, distortion, calibration=calibration)
+        return ExtraCamera(distortion, distortion, calibration=calibration, file=path)
+    if other := [key for key in own if key.startswith(("R_", "t_")) and key not in ("R_CD", "t_CD")]:
+        raise FramesError(f"{path}: depth_camera: {other[0]} is not read; R_CD and t_CD tell where it stands")
     K = _list(own, "cam_K", (9,), path).reshape(3, 3)
+    if not np.allclose(K[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]], [0, 0, 0, 0, 1], atol=1e-6):
+        raise FramesError(f"{path}: depth_camera: cam_K must be [fx 0 cx 0 fy cy 0 0 1], not {K.ravel().tolist()}")
     R = _list(own, "R_CD", (9,), path).reshape(3, 3) if "R_CD" in own else np.eye(3)
     if np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0 or min(K[0, 0], K[1, 1]) <= 0:
         raise FramesError(f"{path}: depth_camera: R_CD must be a rotation and cam_K have positive focal lengths")
     p = _list(own, "t_CD", (3,), path) / 1000.0 if "t_CD" in own else np.zeros(3)
     intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
-    return ExtraCamera(distortion, _list(own, "distortion", (0, 4, 5), path), True, intrinsics, R, p, calibration)
+    return ExtraCamera(distortion, _list(own, "distortion", (0, 4, 5), path), True, intrinsics, R, p, calibration, path)
 
 
 _STD = ("position", "rotation", "focal", "centre", "depth_scale")
@@ -106,11 +134,3 @@ def _list(raw: dict[str, Any], key: str, counts: tuple[int, ...], path: Path) ->
     if len(values) not in counts or not np.isfinite(values).all():
         raise FramesError(f"{path}: {key} must be {' or '.join(map(str, counts))} finite numbers, not {raw.get(key)}")
     return values
-
-
-def _remapped(image: npt.NDArray[Any], camera: ViewCamera, distortion: Array) -> npt.NDArray[Any]:
-    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-    size = (camera.width, camera.height)
-    x, y = cv2.initUndistortRectifyMap(K, distortion, np.eye(3), K, size, cv2.CV_32FC1)
-    smooth = image.ndim == 3
-    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST))

@@ -29,8 +29,7 @@ from twin_diagram.logs.frames.scene_folder import RgbdFrame, read_mask
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.lens import TUNING as LENS
-from twin_diagram.signals.lens import Lens, depth_between, distortion_derivative, straightening, unit_rays
+from twin_diagram.signals.lens import Lens, depth_between, folds, straightening
 
 FILE: Final = "transforms.json"
 """That makes a folder one of Nerfstudio's."""
@@ -196,9 +195,7 @@ class TransformsFolder:
 
     def _refuse_folded(self, lens: Lens, index: int) -> None:
         """Raise FramesError where a lens would show some place twice: no lens bends so much."""
-        x, y, _ = np.moveaxis(unit_rays(lens.straight), -1, 0)
-        xx, xy, yy = distortion_derivative(x, y, lens.distortion)
-        if (xx * yy - xy * xy < LENS.folded).any():
+        if folds(lens):
             told = ", ".join(f"{k:g}" for k in lens.distortion)
             raise FramesError(f"{self._file}: frame {index}: distortion {told} folds the picture over")
 

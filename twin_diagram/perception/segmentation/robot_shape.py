@@ -21,13 +21,24 @@ from pydrake.geometry import (
     Sphere,
 )
 from pydrake.multibody.plant import MultibodyPlant
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.perception.segmentation.robot_kernels import within_spheres
 from twin_diagram.scenario import ArmModel
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import one_layout
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    sheet: float = 2e-4
+    """Thickness of collision meshes that have none, as plates do [m]: nothing beside the margins."""
+
+
+TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -152,10 +163,19 @@ def _distance_to(inspector: SceneGraphInspector, geometry: object) -> tuple[floa
         if hull is None:
             return None
         vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
-        planes = ConvexHull(vertices).equations
+        planes = _planes(vertices)
         # The largest distance to a plane is never more than the distance to the body.
         return float(np.linalg.norm(vertices, axis=1).max()), lambda p: (p @ planes[:, :3].T + planes[:, 3]).max(axis=1)
     return None
+
+
+def _planes(vertices: Array) -> Array:
+    """Return the faces' planes (F, 4) of the convex hull of vertices (V, 3); a sheet is given a little thickness."""
+    try:
+        return np.asarray(ConvexHull(vertices).equations)
+    except QhullError:
+        corners = TUNING.sheet * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
+        return np.asarray(ConvexHull((vertices[:, None] + corners).reshape(-1, 3)).equations)
 
 
 def _from_segment(p: Array, half: float) -> Array:

@@ -166,6 +166,12 @@ class StopMonitor(LeafSystem):
         self._near.add_asset(asset)
         self._radii = np.append(self._radii, 0.5 * float(np.linalg.norm(asset.size)))
 
+    def recount(self, context: Context, change: Array) -> None:
+        """Count angles anew: what was commanded is others by `change` (n,) [rad], in this system's Context."""
+        state = self.remembered(context)
+        moved = {name: getattr(state, name) + change for name in ("command", "asked", "stop_q0")}
+        context.SetDiscreteState(0, cast(Any, replace(state, **moved).pack()))
+
     def remembered(self, context: Context) -> BrakeState:
         """Return a copy of what it remembers; `context` is this system's."""
         return BrakeState.unpack(np.asarray(context.get_discrete_state_vector().value()), self._n)

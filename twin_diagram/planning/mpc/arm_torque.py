@@ -87,14 +87,21 @@ class TorqueBounds:
     """Bounds on what motors give at K knots: |M a + load| <= allowed.
 
     Attributes:
+        arm: whose motors.
         mass: (K, n, n)
         load: (K, n) torque without acceleration.
         allowed: (K, n)
     """
 
+    arm: ArmTorque
     mass: Array
     load: Array
     allowed: Array
+
+    def about(self, q: Array, v: Array) -> TorqueBounds:
+        """Return the same bounds linearised about a motion's positions and velocities (K, n)."""
+        mass, load = self.arm.mass_and_load(q, v)
+        return TorqueBounds(self.arm, mass, load, np.maximum(self.allowed, np.abs(load) + TUNING.beyond))
 
 
 def torque_bounds(arm: ArmTorque, q: Array, v: Array, a: Array, limit: Array) -> TorqueBounds:
@@ -111,7 +118,7 @@ def torque_bounds(arm: ArmTorque, q: Array, v: Array, a: Array, limit: Array) ->
     """
     mass, load = arm.mass_and_load(q, v)
     taken = np.abs(np.einsum("kij,kj->ki", mass, a) + load)
-    return TorqueBounds(mass, load, np.maximum(limit, np.maximum(taken, np.abs(load)) + TUNING.beyond))
+    return TorqueBounds(arm, mass, load, np.maximum(limit, np.maximum(taken, np.abs(load)) + TUNING.beyond))
 
 
 def acceleration_limit(model: Model, velocity: Array, torque_share: float) -> Array:

@@ -1,8 +1,8 @@
 """One receding-horizon problem: the knots' accelerations that follow a reference and keep clear of everything.
 
-Sequential quadratic programming. Position and velocity are linear in the accelerations; distances are linearised
-about the present guess, and a slack at each sample, punished by more than the reference can gain, keeps every program
-solvable. The last knot is at rest, so that any plan can be carried out to its end.
+Sequential quadratic programming. Position and velocity are linear in the accelerations; distances and torques are
+linearised about the present guess, and a slack at each sample, punished by more than the reference can gain, keeps
+every program solvable. The last knot is at rest, so that any plan can be carried out to its end.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class OptimiserTuning:
     rows: int = 64
     """Most distances in one program, the smallest first."""
     iterations: int = 2
-    """Linearisations of the distances in one tick, at most: the next tick starts from this one's plan."""
+    """Linearisations of distances and torques in one tick, at most: the next tick starts from this one's plan."""
     settled: float = 0.02
     """A step smaller than this needs no further iteration [rad]."""
     better: float = 0.5
@@ -178,6 +178,7 @@ class Optimiser:
         inner, present, solved, change = None, about, True, np.inf
         for iteration in range(self.tuning.iterations):
             contacts = self._contacts(present, around, margins) if iteration else contacts
+            torque = self._torque_about(torque, present, base_velocity, inner)
             rows = self._rows(base, base_velocity, present, guess_velocity, contacts, margins)
             slope = self._gradient(base, base_velocity, a0, present, reference)
             found = self._program.solve(slope, -base_velocity[-1], self._torque_bounded(rows, torque), self._solver)
@@ -230,6 +231,22 @@ class Optimiser:
     def _torque_bounded(self, rows: Rows, torque: TorqueBounds | None) -> Rows:
         """Return rows with those that bound torque, where there are some."""
         return rows if torque is None else Rows.joined([rows, _torque_rows(torque)])
+
+    def _torque_about(
+        self, torque: TorqueBounds | None, present: Array, base_velocity: Array, inner: Array | None
+    ) -> TorqueBounds | None:
+        """Return bounds on torque, linearised about accelerations where some were found: a new way has other bounds.
+
+        Args:
+            torque: bounds as they are; None: none.
+            present: (M, n) positions at the samples.
+            base_velocity: (M, n) velocities there where the free accelerations are zero.
+            inner: (k, n) the free accelerations; None: none were found yet.
+        """
+        if torque is None or inner is None:
+            return torque
+        free = self._at_knots[:-1]
+        return torque.about(present[free], (base_velocity + self._V @ inner)[free])
 
     def _contacts(self, q: Array, around: Surroundings, margins: Array) -> Contacts:
         """Return what positions (M, n) at the samples come near to, beside what is wanted."""

@@ -272,7 +272,9 @@ class TaskRunner(LeafSystem):
         tracks = cast(Array, self._tracks_in.Eval(context)).reshape(-1, TRACK_SIZE)
         measured = np.zeros((len(tracks), MEASUREMENT_SIZE))
         if self._measured_in.HasValue(context):
-            measured = cast(Array, self._measured_in.Eval(context)).reshape(-1, MEASUREMENT_SIZE)
+            shown = cast(Array, self._measured_in.Eval(context)).reshape(-1, MEASUREMENT_SIZE)
+            # A user's own perception may say anything: what is no number shows nothing.
+            measured = np.where(np.isfinite(shown).all(axis=1, keepdims=True), shown, 0.0)
         reach = float(cast(Array, self._reach_in.Eval(context))[0]) if self._reach_in.HasValue(context) else NEVER
         return StepView(
             now=context.get_time(),

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from datetime import datetime
 from html import escape
+from typing import Any
 
 from twin_diagram.runs.fleet.work import VisitResult
 
 COLUMNS = ("robot", "date", "verdict", "effects", "headline", "left", "seconds")
 """Of the table."""
+
+READINGS: tuple[Callable[[str], Any], ...] = (
+    float,
+    datetime.fromisoformat,
+    lambda text: datetime.strptime(text, "%Y/%m/%d"),
+    lambda text: datetime.strptime(text, "%d.%m.%Y"),
+)
+"""How dates are written where that says which is first; 3/4/2026 is one day here and another there."""
 
 STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:70rem;padding:0 1rem;color:#1d2733}"
@@ -32,10 +42,20 @@ def table(lines: Sequence[VisitResult]) -> str:
     return text.getvalue()
 
 
+def by_day(lines: Sequence[VisitResult]) -> list[VisitResult]:
+    """Return visits as they came: by dates or numbers of one kind, else as they stand in the table."""
+    for read in READINGS:
+        try:
+            return sorted(lines, key=lambda line: read(line.date))
+        except (ValueError, TypeError):  # another kind; with and without a time zone
+            continue
+    return list(lines)
+
+
 def first_days(lines: Sequence[VisitResult]) -> list[tuple[str, str, str]]:
     """Return what is wrong, robot and the first day that shows it: what most robots have first."""
     first: dict[tuple[str, str], str] = {}
-    for line in sorted(lines, key=lambda line: line.date):
+    for line in by_day(lines):
         names = [effect.split(" ")[0] for effect in line.effects]
         names += [line.verdict] if line.verdict in ("unknown", "failed", "timeout") else []
         for name in names:

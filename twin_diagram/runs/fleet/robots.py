@@ -23,7 +23,7 @@ class Visit:
 
     Attributes:
         robot: its name.
-        date: sorts as text does.
+        date: as it stands in the table; see `page.by_day`.
         model: its description, or the folder of a corrected model.
         fit: logs that are fitted.
         holdout: the log that proves it.
@@ -79,7 +79,9 @@ def read_fleet(path: Path) -> list[Visit]:
             # Spreadsheets write lines of nothing but commas below a table.
             rows = [(table.line_num, row) for row in table if any("".join(x or ()).strip() for x in row.values())]
             columns = table.fieldnames or ()
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        raise TwinError(f"--fleet {path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
         raise TwinError(f"--fleet {path}: cannot be read: {error}") from error
     if not rows:
         raise TwinError(f"--fleet {path}: holds no robot; its columns are {','.join(COLUMNS)}")

@@ -101,6 +101,8 @@ def _pixels(image: lcmt_image, dtype: type, channels: int) -> npt.NDArray[Any]:
         if decoded is None or decoded.dtype != dtype:
             raise StationError("an image on the bus is neither a PNG nor a JPEG picture of the type that it says")
         decoded = decoded.reshape(decoded.shape[0], decoded.shape[1], -1)
+        if decoded.shape[2] < min(channels, 3):
+            raise StationError(f"an image on the bus has {decoded.shape[2]} channel where {channels} are told")
         order = [2, 1, 0, 3][: decoded.shape[2]] if decoded.shape[2] >= 3 else [0]
         return decoded[..., order]
     width = np.dtype(dtype).itemsize * channels

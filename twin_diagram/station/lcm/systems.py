@@ -31,8 +31,30 @@ class Tuning:
     clock_tolerance: float = 1.0
     """A camera whose clock is off the arm's by more than this is taken to have a clock of its own [s]."""
 
+    back: float = 1.0
+    """Messages overtake one another; a sender whose stamps go back by more than this began anew [s]."""
+
+    leap: float = 60.0
+    """Stamps that go on by more than this from one message to the next are of a clock that was set [s]: loops that are
+    slow or pause for a while, and arms that are silent, stay far below."""
+
 
 TUNING = Tuning()
+
+
+def set_anew(clock: Array, utime: int, now: float) -> Array:
+    """Return a clock as it counts for a message: itself, or one that goes on from now where the sender's was set anew.
+
+    Args:
+        clock: (3,) a stamp [µs], the time that it stands for [s], and the newest stamp that came [µs].
+        utime: of the message [µs].
+        now: when it came [s].
+    """
+    first, start, newest = clock
+    ahead = (utime - newest) * 1e-6
+    if start < 0.0 or -TUNING.back <= ahead <= TUNING.leap:
+        return clock
+    return np.array([utime, max(now, start + (newest - first) * 1e-6), utime])
 
 
 class ArmReceiver(LeafSystem):
@@ -54,8 +76,9 @@ class ArmReceiver(LeafSystem):
     Units and sizes as on any station; zeros and `NEVER` before the first message. Angles that jump by a turn from one
     message to the next are taken to go on; `turns` (n) [rad] is what was added to the newest for that.
     `measurement_time` is the message's own time stamp, on a clock that starts where the first message arrives: a
-    constant delay of the bus is not seen, its jitter is. `clock` (2): the first message's utime [µs] and when it came
-    [s], `NEVER` before. Latency: the bus's.
+    constant delay of the bus is not seen, its jitter is. Where the driver's clock is set anew, as when it is started
+    again, time goes on. `clock` (2): a utime [µs] and the time that it stands for [s]: when the first message came,
+    `NEVER` before. Latency: the bus's.
     """
 
     def __init__(self, protocol: Protocol, revolute: npt.NDArray[np.bool_], channel: str) -> None:
@@ -71,8 +94,8 @@ class ArmReceiver(LeafSystem):
         self._protocol, self._n, self._channel = protocol, n, channel
         self._turn = np.where(revolute, 2.0 * np.pi, 0.0)
         self._message = self.DeclareAbstractInputPort("message", Value(protocol.status_type()))
-        # Clock; the newest angles as they came, and what was added to them [rad].
-        state = self.DeclareDiscreteState(np.concatenate([[0.0, NEVER], np.full(n, np.nan), np.zeros(n)]))
+        # Clock, see `set_anew`; the newest angles as they came, and what was added to them [rad].
+        state = self.DeclareDiscreteState(np.concatenate([[0.0, NEVER, 0.0], np.full(n, np.nan), np.zeros(n)]))
         # A message changes the state by an update of its own at some time or other; this one follows it at the same
         # time.
         self.DeclarePerStepDiscreteUpdateEvent(self._keep)
@@ -89,8 +112,9 @@ class ArmReceiver(LeafSystem):
 
             port = {"velocity": "velocity_estimated"}.get(name, f"{name}_measured")
             self.DeclareVectorOutputPort(port, n, calc, {message, clock})
-        self.DeclareVectorOutputPort("measurement_time", 1, self._calc_time, {message, clock})
-        self.DeclareVectorOutputPort("clock", 2, self._calc_clock, {clock})
+        now = self.time_ticket()
+        self.DeclareVectorOutputPort("measurement_time", 1, self._calc_time, {message, clock, now})
+        self.DeclareVectorOutputPort("clock", 2, self._calc_clock, {message, clock, now})
 
     def _status(self, context: Context):  # type: ignore[no-untyped-def]
         status = self._protocol.read_status(self._message.Eval(context))
@@ -105,16 +129,24 @@ class ArmReceiver(LeafSystem):
         state = np.array(context.get_discrete_state_vector().value())
         message, n = self._message.Eval(context), self._n
         if state[1] < 0 and message.num_joints > 0:
-            state[:2] = message.utime, context.get_time()
+            state[:3] = message.utime, context.get_time(), message.utime
+        elif state[1] >= 0:
+            state[:3] = self._clock(context)
+            state[2] = max(state[2], message.utime)
         if message.num_joints == n:  # what is wrong with others is said where they are used
-            state[2 + n :] = self._turns(context)
+            state[3 + n :] = self._turns(context)
             came = self._status(context).position
-            state[2 : 2 + n] = np.where(np.isfinite(came), came, state[2 : 2 + n])
+            state[3 : 3 + n] = np.where(np.isfinite(came), came, state[3 : 3 + n])
         discrete.set_value(state)
+
+    def _clock(self, context: Context) -> Array:
+        """Return (3,) the clock as it counts for the newest message."""
+        clock = context.get_discrete_state_vector().value()[:3]
+        return set_anew(clock, self._message.Eval(context).utime, context.get_time())
 
     def _turns(self, context: Context) -> Array:
         """Return (n,) what is to be added to the angles of the newest message, so that they go on [rad]."""
-        last, turns = context.get_discrete_state_vector().value()[2:].reshape(2, self._n)
+        last, turns = context.get_discrete_state_vector().value()[3:].reshape(2, self._n)
         result: Array = turns - self._turn * turns_of(self._status(context).position - last)
         return result
 
@@ -127,11 +159,11 @@ class ArmReceiver(LeafSystem):
         output.SetFromVector(self._turns(context) if known else np.zeros(self._n))
 
     def _calc_time(self, context: Context, output: BasicVector) -> None:
-        utime, start = context.get_discrete_state_vector().value()[:2]
+        utime, start, _ = self._clock(context)
         output[0] = NEVER if start < 0 else start + (self._message.Eval(context).utime - utime) * 1e-6
 
     def _calc_clock(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[:2])
+        output.SetFromVector(self._clock(context)[:2])
 
 
 class CommandSender(LeafSystem):
@@ -205,7 +237,7 @@ class ImageReceiver(LeafSystem):
 
     As on any station; black, empty and `NEVER` before the first message. `image_time` is the message's own time stamp
     on the arm's clock; where the camera's clock is not the arm's, the first image counts as taken `latency` before it
-    came. Latency: the camera's and the bus's.
+    came. Where the camera's clock is set anew, time goes on. Latency: the camera's and the bus's.
     """
 
     def __init__(self, camera: Camera, depth_unit: float, channel: str) -> None:
@@ -220,15 +252,15 @@ class ImageReceiver(LeafSystem):
         self._camera, self._unit, self._channel = camera, depth_unit, channel
         self._message = self.DeclareAbstractInputPort("message", Value(lcmt_image_array()))
         self._clock = self.DeclareVectorInputPort("clock", 2)
-        state = self.DeclareDiscreteState(np.array([0.0, NEVER]))
-        self.DeclarePerStepDiscreteUpdateEvent(self._start_clock)
+        state = self.DeclareDiscreteState(np.array([0.0, NEVER, 0.0]))  # a clock, see `set_anew`
+        self.DeclarePerStepDiscreteUpdateEvent(self._keep_clock)
         tickets = {self._message.ticket(), self.discrete_state_ticket(state)}
         rgb, depth = ImageRgba8U(camera.width, camera.height), ImageDepth32F(*camera.depth_size)
         self.DeclareAbstractOutputPort("rgb_image", Value(rgb).Clone, self._calc_rgb, tickets)
         self.DeclareAbstractOutputPort("depth_image", Value(depth).Clone, self._calc_depth, tickets)
-        self.DeclareVectorOutputPort("image_time", 1, self._calc_time, tickets)
+        self.DeclareVectorOutputPort("image_time", 1, self._calc_time, tickets | {self.time_ticket()})
 
-    def _start_clock(self, context: Context, discrete: DiscreteValues) -> None:
+    def _keep_clock(self, context: Context, discrete: DiscreteValues) -> None:
         clock = context.get_discrete_state_vector().value()
         message = self._message.Eval(context)
         if clock[1] < 0 and message.num_images > 0:
@@ -237,8 +269,16 @@ class ImageReceiver(LeafSystem):
             capture = arm_start + (utime - arm_utime) * 1e-6
             if arm_start < 0 or abs(now - capture) > TUNING.clock_tolerance:
                 capture = now - self._camera.latency
-            clock = np.array([utime, max(capture, 0.0)])
+            clock = np.array([utime, max(capture, 0.0), utime])
+        elif clock[1] >= 0.0:
+            clock = np.array(self._newest_clock(context))
+            clock[2] = max(clock[2], message.header.utime)
         discrete.set_value(clock)
+
+    def _newest_clock(self, context: Context) -> Array:
+        """Return (3,) the clock as it counts for the newest message."""
+        came = context.get_time() - self._camera.latency
+        return set_anew(context.get_discrete_state_vector().value(), self._message.Eval(context).header.utime, came)
 
     def _images(self, context: Context):  # type: ignore[no-untyped-def]
         """Colour and depth, None before the first."""
@@ -274,5 +314,5 @@ class ImageReceiver(LeafSystem):
         output.set_value(image)
 
     def _calc_time(self, context: Context, output: BasicVector) -> None:
-        utime, start = context.get_discrete_state_vector().value()
+        utime, start, _ = self._newest_clock(context)
         output[0] = NEVER if start < 0 else start + (self._message.Eval(context).header.utime - utime) * 1e-6

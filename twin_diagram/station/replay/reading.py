@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,9 @@ from twin_diagram.station.replay.recording_folder import (
     rgb_file,
     sensor_file,
 )
+
+PICTURES: Final = ("index", "capture", "delivery")
+"""Columns that tell of a recording's pictures or scans: number in the files' names, when taken and when shown [s]."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,23 @@ def read_columns(path: Path, cut: bool = False) -> tuple[list[str], Array]:
     return names, values
 
 
+def read_table(path: Path, names: Sequence[str], cut: bool = False) -> Array:
+    """Return (N, columns) numbers of a table whose columns are told.
+
+    Args:
+        path: of the file.
+        names: of the columns that it must have, and no others.
+        cut: as of `read_columns`.
+
+    Raises:
+        StationError: missing, or not such a table.
+    """
+    found, values = read_columns(path, cut)
+    if found != list(names):
+        raise StationError(f"{path}: needs the columns {', '.join(names)}; it has {', '.join(found)}")
+    return values
+
+
 def newest(delivery: Array, time: float) -> int:
     """Index of the newest entry that stands on the ports at `time`; -1 before the first.
 
@@ -138,7 +159,7 @@ def read_recording(folder: Path, manifest: Manifest, joints: Sequence[str], fing
         raise StationError(f"{folder}: recorded joints {manifest.joints}; the twin's arm has {list(joints)}")
     cut = folder.name == UNFINISHED
     names, values = read_columns(folder / LOG, cut)
-    _, deliveries = read_columns(folder / MESSAGES, cut)
+    deliveries = read_table(folder / MESSAGES, ("time", "delivery"), cut)
     fingers = fingers if list(fingers) == manifest.gripper_joints else ()
     _, table = read_columns(folder / GRIPPER, cut) if fingers else ([], np.zeros((len(values), 0)))
     if cut:  # a message is written table by table
@@ -149,6 +170,9 @@ def read_recording(folder: Path, manifest: Manifest, joints: Sequence[str], fing
     if len(deliveries) != len(values):
         raise StationError(f"{folder}: {LOG} has {len(values)} rows, {MESSAGES} {len(deliveries)}")
     rising(folder / MESSAGES, deliveries[:, 1])
+
+    if "time" not in names:
+        raise StationError(f"{folder / LOG}: no column time")
 
     def signal(name: str) -> Array:
         try:
@@ -199,9 +223,7 @@ def read_frames(folder: Path, manifest: Manifest | None, camera: Camera | None) 
         told, there = ("×".join(map(str, size)) for size in (camera.depth_size, recorded.depth_size))
         raise ScenarioError("twin.camera.depth", f"depth of {told} pixels; recorded was {there}")
     images = folder / recorded.name
-    _, table = read_columns(images / FRAMES, cut=folder.name == UNFINISHED)
-    if len(table) and table.shape[1] != 3:
-        raise StationError(f"{images / FRAMES}: needs the columns index, capture, delivery")
+    table = read_table(images / FRAMES, PICTURES, cut=folder.name == UNFINISHED)
     rising(images / FRAMES, table[:, 2])
     index = table[:, 0].astype(np.int64)
     for k in index:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import yaml
 
 from twin_diagram.errors import StationError
@@ -193,4 +194,30 @@ def read_manifest(folder: Path) -> Manifest:
         raise StationError(f"replay.log: {file} is not a recording's manifest: {error}") from error
     if manifest.version != TUNING.version:
         raise StationError(f"replay.log: {file}: version {manifest.version}; this program reads {TUNING.version}")
+    _check(file, manifest)
     return manifest
+
+
+def _check(file: Path, manifest: Manifest) -> None:
+    """Refuse a manifest whose values are of other kinds than those that are written."""
+    lists: dict[str, Any] = {name: getattr(manifest, name) for name in ("joints", "gripper_joints", "sensors")}
+    for name, value in lists.items():
+        if not (isinstance(value, list) and all(isinstance(each, str) for each in value)):
+            raise StationError(f"replay.log: {file}: {name}: {value!r} is no list of names")
+    camera, lidar = manifest.camera, manifest.lidar
+    sizes: dict[str, Any] = {}
+    if camera is not None:
+        sizes |= {"camera.width": camera.width, "camera.height": camera.height}
+        for k, size in enumerate(camera.depth_shape or []):
+            sizes[f"camera.depth_shape[{k}]"] = size
+        if camera.depth_shape is not None and len(sizes) != 4:
+            raise StationError(
+                f"replay.log: {file}: camera.depth_shape: {camera.depth_shape!r} is not width and height"
+            )
+        if not (isinstance(camera.depth_unit, (int, float)) and 0.0 < camera.depth_unit < np.inf):
+            raise StationError(f"replay.log: {file}: camera.depth_unit: {camera.depth_unit!r} is not a length")
+    if lidar is not None:
+        sizes |= {"lidar.columns": lidar.columns, "lidar.rows": lidar.rows}
+    for name, size in sizes.items():
+        if not (isinstance(size, int) and size > 0):
+            raise StationError(f"replay.log: {file}: {name}: {size!r} is no number of pixels or beams")

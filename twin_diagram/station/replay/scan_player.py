@@ -15,7 +15,7 @@ from twin_diagram.errors import ScenarioError, StationError
 from twin_diagram.scenario import Lidar
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
-from twin_diagram.station.replay.reading import newest, read_columns, rising
+from twin_diagram.station.replay.reading import PICTURES, newest, read_table, rising
 from twin_diagram.station.replay.recording_folder import SCANS, UNFINISHED, Manifest, scan_file
 
 
@@ -57,9 +57,7 @@ def read_scans(folder: Path, manifest: Manifest, lidar: Lidar | None) -> Scans |
         if getattr(lidar, name) != getattr(recorded, name):
             raise ScenarioError(f"twin.lidar.{name}", f"{getattr(lidar, name)}; recorded was {getattr(recorded, name)}")
     scans = folder / recorded.folder
-    _, table = read_columns(scans / SCANS, cut=folder.name == UNFINISHED)
-    if table.shape[1] != 3:
-        raise StationError(f"{scans / SCANS}: needs the columns index, capture, delivery")
+    table = read_table(scans / SCANS, PICTURES, cut=folder.name == UNFINISHED)
     rising(scans / SCANS, table[:, 2])
     index = table[:, 0].astype(np.int64)
     for k in index:

@@ -143,7 +143,8 @@ class Healer:
         for record in records:
             if record["time"] > self._told:
                 self._tell("alarm", **record)
-        self._told = max(self._told, raised)
+        # By the records' own times, which are rounded: one that was rounded up would be news at every look.
+        self._told = max(self._told, *(record["time"] for record in records))
         return records
 
     def _gather(self, alarms: list[dict[str, Any]], now: float) -> None:

@@ -14,7 +14,7 @@ from twin_diagram.gap.residuals.stiction import slides
 from twin_diagram.gap.whole_robot import late_torque
 from twin_diagram.gap.whole_robot.concluding import own_terms
 from twin_diagram.gap.whole_robot.explain import begun, settled
-from twin_diagram.gap.whole_robot.held_joints import dry_levels, without_held
+from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, without_held
 from twin_diagram.gap.whole_robot.late_torque import one_late
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
 from twin_diagram.gap.whole_robot.pushes import TUNING, pushes
