@@ -129,13 +129,22 @@ def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
                 arrays = [np.array(data[key], dtype=float) for key in ("points", "normals", "colours")]
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
             raise AssetError(f"{cached}: cannot be read: {error}; build the asset anew") from None
-        return _checked(Cloud(*arrays), np.array(spec.size, dtype=float), cached)
+        return checked_cloud(Cloud(*arrays), np.array(spec.size, dtype=float), cached)
     mesh = folder / spec.visual
     return sample(read_obj(mesh), read_png(mesh.with_suffix(".png")), TUNING.cloud_points)
 
 
-def _checked(cloud: Cloud, size: Array, file: Path) -> Cloud:
-    """Return a cloud by others as registration takes it: each point once, in random order, its normal of length 1."""
+def checked_cloud(cloud: Cloud, size: Array, file: Path | str) -> Cloud:
+    """Return a cloud by others as registration takes it: each point once, in random order, its normal of length 1.
+
+    Args:
+        cloud: of M points.
+        size: (3,) of the object [m].
+        file: what the cloud is from, for messages.
+
+    Raises:
+        AssetError: it is no surface.
+    """
     points, normals, colours = cloud.points, cloud.normals, cloud.colours
     good = points.ndim == 2 and points.shape[1] == 3 and points.shape == normals.shape == colours.shape
     if not good or not all(np.isfinite(a).all() for a in (points, normals, colours)):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
+    from twin_diagram.perception.registration.array_registration import PoseFromArrays, register
     from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
     from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
     from twin_diagram.perception.segmentation.segments import Segments
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
 __all__ = [
     "IcpPoseEstimator",
     "PerceptionSystem",
+    "PoseFromArrays",
     "Segments",
+    "register",
 ]
 
 __getattr__, __dir__ = faces.lazy_face(__name__)
