@@ -60,7 +60,8 @@ def _difference(
 ) -> None:
     """Write the difference (3,) of two pixels' points, either being the middle one's where it is of no use.
 
-    Of a surface seen square on, neighbours are as far apart as their rays; of one that leans, up to three times.
+    Of a surface seen square on, neighbours are as far apart as their rays; of one that leans by 60°, twice as far: 2.2
+    times is no jump. With three times steps of 2 to 4 cm in noisy pictures passed for a surface.
     """
     here = np.float64(depth[at])
     for i in range(3):
@@ -73,7 +74,7 @@ def _difference(
         y = there * rays[cell][1] - here * rays[at][1]
         z = there * rays[cell][2] - here * rays[at][2]
         u, v, w = rays[cell][0] - rays[at][0], rays[cell][1] - rays[at][1], rays[cell][2] - rays[at][2]
-        wide = 9.0 * here * here * (u * u + v * v + w * w)
+        wide = 4.84 * here * here * (u * u + v * v + w * w)
         if x * x + y * y + z * z < max(jump * jump, wide):
             out[0] += sign * x
             out[1] += sign * y

@@ -23,7 +23,7 @@ DepthImage = npt.NDArray[np.float32]
 ColourImage = npt.NDArray[np.uint8]
 
 JUMP: Final = 0.02
-"""Over a jump in depth the difference of neighbours belongs to no surface [m], if it is three of their distances, too:
+"""Over a jump in depth the difference of neighbours belongs to no surface [m], if it is 2.2 of their distances, too:
 pixels of far or small images lie farther apart than this."""
 
 
