@@ -144,7 +144,7 @@ class Healer:
             if record["time"] > self._told:
                 self._tell("alarm", **record)
         # By the records' own times, which are rounded: one that was rounded up would be news at every look.
-        self._told = max(self._told, *(record["time"] for record in records))
+        self._told = max([self._told, *(record["time"] for record in records)])
         return records
 
     def _gather(self, alarms: list[dict[str, Any]], now: float) -> None:
