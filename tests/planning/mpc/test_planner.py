@@ -118,10 +118,10 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
     spied.route = Route(Aim.GOAL, goals[1:])
     spied.tick(memory, 0.1, goal=GOAL, tracks=track(velocity))
     samples = spied.planner.optimiser.samples
-    # A trapezoid of speed, at nine tenths of what joint 1 may do, braked on with six tenths of that.
-    speed, harder = 0.9 * spied.planner.limits.velocity[0], 0.9 * spied.planner.limits.acceleration[0]
-    ramp, gentle = speed / harder, 0.6 * harder
-    arrival = 0.6 / speed + ramp / 2 + speed / gentle / 2
+    arrival = (
+        0.6 / (0.9 * PARAMS.velocity_share * 2.0)
+        + spied.planner.limits.velocity[0] / (spied.planner.limits.acceleration[0])
+    )
     clearance, at_goal = PARAMS.clearance, spied.situation.at_goals[1]
     np.testing.assert_array_equal(spied.situation.still, [True, velocity == 0.0])
     assert spied.situation.least == pytest.approx(0.25 * clearance)
@@ -132,11 +132,12 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
         near = np.clip(at_goal[:2] - 0.003 + way, 0.25 * clearance, most)
         expected[row] = [near[0], most if velocity else near[1], 0.01]
     np.testing.assert_allclose(spied.asked["margins"], expected)
-    t = samples + 0.1  # so far ahead is followed
-    late = np.maximum(arrival - t, 0.0)
-    up, down = speed * (t - ramp / 2), 0.6 - gentle * late**2 / 2
-    expected_way = np.where(late < speed / gentle, down, up)
-    expected_way[t < ramp] = harder * t[t < ramp] ** 2 / 2
+    # A trapezoid of speed, at nine tenths of what joint 1 may do.
+    speed, harder = 0.9 * spied.planner.limits.velocity[0], 0.9 * spied.planner.limits.acceleration[0]
+    late, ramp = arrival - samples, speed / harder
+    up, down = speed * (samples - ramp / 2), 0.6 - harder * np.maximum(late, 0.0) ** 2 / 2
+    expected_way = np.where(late < ramp, down, up)
+    expected_way[samples < ramp] = harder * samples[samples < ramp] ** 2 / 2
     np.testing.assert_allclose(spied.asked["reference"][:, 0], HOME[0] + expected_way, atol=1e-9)
 
 
@@ -489,25 +490,6 @@ def test_a_short_move_is_straight_in_space_where_nothing_is_in_the_way(scene: Sc
     in_the_way = track(place=(X[0, 3], X[1, 3], X[2, 3] - 0.07))
     assert towards(0.14, aside)[0].aim is Aim.LINE
     assert towards(0.14, in_the_way)[0].aim is not Aim.LINE
-
-
-def test_a_long_way_is_hardly_run_past(scene: Scene) -> None:
-    """An arm that follows to the bit ran past such an end by 29 mrad and turned back; now 13."""
-    params = scenario.Planner(rate=50.0, velocity_share=0.7, acceleration=6.0, knots=20, step=0.08)
-    planner = MotionPlanner(scene, np.array([2.175] * 4 + [2.61] * 3), params)
-    end, q, v = HOME + [-0.9, 0.4, 0.2, 0.2, 0.0, 0.2, 0.3], HOME, NONE
-    X = scene.chain.tool(scene.chain.place(end[None]))[0]
-    goal = np.concatenate([rotations.from_matrix(X[:3, :3]), X[:3, 3]])
-    memory, way = planner.initial(HOME), []
-    for tick in range(80):
-        memory, _ = planner.tick(memory, tick / 50, np.concatenate([q, v]), track(place=(-0.5, 0.0, 0.06)), goal)
-        q, v = (part[0] for part in memory.trajectory.at(np.array([(tick + 1) / 50]))[:2])
-        way.append(q)
-    reached = memory.goals[np.abs(memory.goals - q).max(axis=1).argmin()]
-    along = (np.array(way) - HOME) @ (reached - HOME) / np.linalg.norm(reached - HOME)
-    assert along.max() - np.linalg.norm(reached - HOME) < 0.015
-    resting = np.abs(np.array(way) - reached).max(axis=1) < 0.005
-    assert resting[60:].all(), "it rests after 1.2 s"
 
 
 def test_a_goal_that_seems_out_of_reach_is_looked_at_again_after_two_seconds(

@@ -149,10 +149,10 @@ class Router:
     def travel(self, q: Array, route: Route, v: Array | None = None) -> SpeedProfile:
         """Return the quickest way along a route from where the arm is, (n,), at velocity v; None: at rest.
 
-        It ends gently, and more so on straight lines in space.
+        Straight lines in space end gently.
         """
-        t = self.tuning
-        share, gentle = (t.line_acceleration, t.line_braking) if route.aim is Aim.LINE else (1.0, t.braking)
+        line = route.aim is Aim.LINE
+        share, gentle = (self.tuning.line_acceleration, self.tuning.line_braking) if line else (1.0, 1.0)
         return profile(np.vstack([q, self._ahead(q, route)]), self.speed, share * self.acceleration, v, gentle)
 
     def _ahead(self, q: Array, route: Route) -> Array:

@@ -43,10 +43,8 @@ class RouteTuning:
     of 6 cm takes 0.15 rad and more."""
     way_point_near: float = 0.3
     """From this near a way point is dropped where the way beyond is just free [rad]: the motion rounds corners off."""
-    braking: float = 0.6
-    """Routes are braked on with this share of the acceleration, so that a plan that lags can do it in time …"""
     line_acceleration: float = 0.8
-    """… but straight lines in space are set off along with this share of it …"""
+    """Straight lines in space are set off along with this share of the acceleration …"""
     line_braking: float = 0.2
     """… and braked on with this share of that: the arm follows late, and would run past their end."""
     station_reached: float = 0.01
