@@ -1,7 +1,8 @@
 """Covers an arm with balls, from outside, so that a planned distance is never above the true one.
 
-The cover of a box or cylinder reaches at most `Tuning.overhang` beyond it (a large box's somewhat more), that of a
-capsule `Tuning.capsule_overhang`.
+The cover of a box, and of a cylinder's side, reaches at most `Tuning.overhang` beyond it (a large box's somewhat more),
+that of a capsule `Tuning.capsule_overhang`. Beyond a cylinder's flat ends it bulges by nearly its radius where that is
+short: balls as wide as it would be many there.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -35,7 +37,7 @@ class Tuning:
     """
 
     overhang: float = 0.013
-    """A ball reaches no farther than this beyond a box or cylinder that it covers [m]."""
+    """A ball reaches no farther than this beyond a box, or a cylinder's side, that it covers [m]."""
 
     capsule_overhang: float = 0.004
     """Nor than this beyond a capsule, which few balls cover closely [m]."""
@@ -267,12 +269,11 @@ def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
     at most: the cover of a large box reaches farther beyond it. `part` numbers the pieces along the longest edge.
     """
     size = np.asarray(size, dtype=float)
-    counts = np.array(list(product(range(1, 13), repeat=3)))
+    counts = _grids()
     cells = size / counts
     beyond = np.linalg.norm(cells, axis=1) / 2 - cells.min(axis=1) / 2
-    total = counts.prod(axis=1)
     # Fewest cells where the overhang is kept, else the smallest overhang that the number of cells allows.
-    best = np.lexsort((beyond, total, np.where(beyond <= overhang, 0, beyond), total > TUNING.most_cells))[0]
+    best = np.lexsort((beyond, counts.prod(axis=1), np.where(beyond <= overhang, 0, beyond)))[0]
     counts = counts[best]
     cell = size / counts
     radius = float(np.linalg.norm(cell) / 2)
@@ -282,6 +283,16 @@ def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
         ((np.array(index) + 0.5) * cell - size / 2, radius, index[longest] * parts // counts[longest])
         for index in product(*map(range, counts))
     ]
+
+
+@cache
+def _grids() -> Ints:
+    """Return (C, 3) cells along each edge, in all ways of at most `Tuning.most_cells` cells."""
+    each = range(1, TUNING.most_cells + 1)
+    grids = [
+        (x, y, z) for x in each for y in each[: TUNING.most_cells // x] for z in each[: TUNING.most_cells // x // y]
+    ]
+    return np.array(grids)
 
 
 def _not_swallowed(centres: Array, radii: Array, links: Array) -> list[int]:
