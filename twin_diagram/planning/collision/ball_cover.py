@@ -192,7 +192,7 @@ def _link_poses(plant: MultibodyPlant, arm: description.Arm, depth: Ints) -> Cal
     contexts = []
     for share in np.linspace(0.0, 1.0, 2 if slide else TUNING.turns):
         context = plant.CreateDefaultContext()
-        q = np.zeros(plant.num_positions())
+        q = plant.GetPositions(context).copy()
         q[where] = low + share * (high - low)
         followers.follow(q)
         plant.SetPositions(context, q)
