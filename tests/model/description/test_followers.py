@@ -23,6 +23,8 @@ from twin_diagram.planning.tasks.task_system import Fingers
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.scene.twin_scene import add_twin_scene
 from twin_diagram.signals.arrays import Array
+from twin_diagram.station.sim.grip_contact import COMPLIANCE
+from twin_diagram.station.sim.world_plant import build_world
 
 BOTH = scenario.ArmModel(model="arms/panda_hand.urdf", tool_frame="panda_tcp")
 Q = np.array([0.3, 0.4, 0.1, -1.9, 0.2, 2.3, 0.9])
@@ -96,6 +98,16 @@ def test_the_twin_shows_a_finger_that_follows_and_knows_how_wide_the_hand_opens(
     joints, widening = scene.arm.gripper_joint_indices, scene.followers.widening
     fingers = Fingers.of(scene.plant, joints, np.zeros(1), widening)
     assert fingers.widest == pytest.approx(0.08) and fingers.opening(np.array([0.03])) == pytest.approx(0.06)
+
+
+def test_a_finger_that_follows_grips_as_the_other_does(one: scenario.ArmModel) -> None:
+    """Its pad is soft in the simulated world, and what it touches of an object is no collision."""
+    world = build_world(DiagramBuilder(), scenario.Scenario(world=scenario.World(arm=one), twin=scenario.Twin(arm=one)))
+    gripping = Followers.gripping(world.plant, world.arm.arm)
+    assert [joint.name() for joint in gripping] == ["panda_finger_joint1", "panda_finger_joint2"]
+    inspector = world.scene_graph.model_inspector()
+    shapes = world.plant.GetCollisionGeometriesForBody(world.plant.GetBodyByName("panda_rightfinger"))
+    assert any(inspector.GetProximityProperties(shape).HasProperty(*COMPLIANCE) for shape in shapes)
 
 
 def turning(folder: Path, chain: str) -> scenario.ArmModel:

@@ -75,6 +75,12 @@ class Followers:
             widening,
         )
 
+    @staticmethod
+    def gripping(plant: MultibodyPlant, arm: Arm) -> list[Joint]:
+        """Return the gripper's joints and those that follow them: what an arm in a finalized plant grips with."""
+        own = [plant.get_joint(index) for index in arm.gripper_joint_indices]
+        return [*own, *Followers.of(plant, arm).joints]
+
     def follow(self, positions: Array) -> None:
         """Put the joints where they are with the gripper's, in a plant's positions (nq,), in place."""
         positions[self.index] = self.multiplier * positions[self.leader] + self.offset

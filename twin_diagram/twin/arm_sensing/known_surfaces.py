@@ -104,8 +104,7 @@ class ArmParts:
         joints = [plant.get_joint(index) for index in placed.joint_indices]
         self._q = np.array([joint.position_start() for joint in joints], dtype=int)
         self._v = np.array([joint.velocity_start() for joint in joints], dtype=int)
-        led = [plant.get_joint(index) for index in placed.gripper_joint_indices]
-        fingers = {int(joint.child_body().index()) for joint in (*led, *Followers.of(plant, placed).joints)}
+        fingers = {int(joint.child_body().index()) for joint in Followers.gripping(plant, placed)}
         root = plant.get_body(placed.base)
         parts = [body for body in other_parts(plant, root) if int(body.index()) not in fingers]
         parts += [root] if self._seen(scene_graph, root) else []
