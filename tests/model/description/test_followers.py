@@ -12,8 +12,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from twin_diagram import scenario
+from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.model.description.followers import Followers
+from twin_diagram.model.description.unparsed import following
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.braking.drake_distances import DrakeDistances, Shapes
 from twin_diagram.planning.collision.ball_cover import Balls, arm_balls, arm_plant
@@ -157,3 +159,54 @@ def test_fingers_that_turn_are_covered_all_the_way(tmp_path: Path) -> None:
                 points = points_of(inspector, geometry) @ X[:3, :3].T + X[:3, 3]
                 outside = np.linalg.norm(points[:, None] - balls.centres_L, axis=2) - balls.radii
                 assert outside.min(axis=1).max() < 2e-4, (angle, name)
+
+
+MJCF_HAND = """<mujoco model="m"><worldbody><body name="a"><joint name="arm" axis="0 0 1" range="-60 60"/>{0}
+  <body name="l"><joint name="left" type="slide" axis="0 1 0" range="0 0.04"/>{0}
+    <geom type="box" size=".01 .01 .05" pos="0 0.01 0.1"/></body>
+  <body name="r"><joint name="right" type="slide" axis="0 1 0" range="-0.08 0"/>{0}
+    <geom type="box" size=".01 .01 .05" pos="0 -0.01 0.1"/></body></body></worldbody>
+  <equality>{1}</equality><actuator><motor joint="arm"/><position joint="left" kp="100"/></actuator></mujoco>"""
+INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>'
+
+
+@pytest.mark.parametrize(
+    "equal",
+    [
+        '<joint joint1="right" joint2="left" polycoef="0 -2 0 0 0"/>',
+        '<joint joint1="left" joint2="right" polycoef="0 -0.5 0 0 0"/>',  # the one without a motor follows
+    ],
+)
+def test_a_finger_that_an_mjcf_holds_equal_follows(tmp_path: Path, equal: str) -> None:
+    path = tmp_path / "hand.xml"
+    path.write_text(MJCF_HAND.format(INERTIAL, equal))
+    spec = scenario.ArmModel(model=str(path), tool_frame="")
+    plant, scene_graph, arm, _ = arm_plant(spec)
+    assert arm.gripper_joints == ("left",)
+    followers = Followers.of(plant, arm)
+    assert [joint.name() for joint in followers.joints] == ["right"] and followers.widening.tolist() == [3.0]
+    balls = arm_balls(plant, scene_graph, arm, depths(plant, arm.joint_indices))
+    # Opened, the right finger reaches from y = -0.02 - 0.08 on.
+    lowest = (balls.centres_L[:, 1] - balls.radii).min()
+    assert -0.1 - 0.013 - 1e-9 < lowest <= -0.1
+    world = build_world(
+        DiagramBuilder(), scenario.Scenario(world=scenario.World(arm=spec), twin=scenario.Twin(arm=spec))
+    )
+    assert world.plant.num_constraints() == 1
+
+
+@pytest.mark.parametrize(
+    "equal",
+    [
+        '<joint joint1="right" joint2="left" polycoef="0 1 0.5 0 0"/>',
+        '<joint joint1="right" joint2="left" active="false"/>',
+        '<joint joint1="right" polycoef="0.01 0 0 0 0"/>',
+    ],
+)
+def test_what_is_not_in_proportion_follows_nobody(tmp_path: Path, equal: str) -> None:
+    path = tmp_path / "hand.xml"
+    path.write_text(MJCF_HAND.format(INERTIAL, equal))
+    assert not following(path)
+    path.write_text(MJCF_HAND.format(INERTIAL, '<joint joint1="right" joint2="left" polycoef="0 one"/>'))
+    with pytest.raises(ModelError, match="equality of joint 'right': polycoef"):
+        following(path)

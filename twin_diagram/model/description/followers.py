@@ -1,4 +1,6 @@
-"""Joints that follow the gripper's: a finger that one motor moves with another, a linkage (URDF's ``<mimic>``).
+"""Joints that follow the gripper's: a finger that one motor moves with another, a linkage.
+
+URDF's ``<mimic>``, MJCF's ``<equality><joint/></equality>``.
 
 They have no motor and no place in what a station tells of the gripper; a plant without contact does not move them.
 """
@@ -15,6 +17,15 @@ from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint
 from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.description.unparsed import following
 from twin_diagram.signals.arrays import Array, Ints
+
+
+def couple(plant: MultibodyPlant, arm: Arm) -> None:
+    """Hold an arm's joints to those that they follow; in a discrete plant that is not finalized."""
+    every = [plant.get_joint(index) for instance in arm.instances for index in plant.GetJointIndices(instance)]
+    known = {joint.name(): joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))}
+    for name, how in following(Path(arm.spec.model)).items():
+        if name in known and how.leader in known:
+            plant.AddCouplerConstraint(known[name], known[how.leader], how.multiplier, how.offset)
 
 
 @dataclass(frozen=True)

@@ -85,11 +85,15 @@ class Following:
 
 
 def following(path: Path) -> dict[str, Following]:
-    """Return the joints of a URDF that follow another one, by name; fixed ones do not.
+    """Return the joints of a URDF or MJCF that follow another one, by name; fixed ones do not.
+
+    Of two joints that an MJCF holds equal in proportion, the one without a motor follows.
 
     Raises:
         ModelError: a number that cannot be read.
     """
+    if path.suffix.lower() == ".xml":
+        return _held_equal(path)
     if path.suffix.lower() != ".urdf":
         return {}
     found = {}
@@ -102,6 +106,24 @@ def following(path: Path) -> dict[str, Following]:
         except ValueError as error:
             raise ModelError(f"{path}: mimic of joint {joint.get('name', '')!r}: {error}") from error
         found[joint.get("name", "")] = Following(mimic.get("joint", ""), *numbers)
+    return found
+
+
+def _held_equal(path: Path) -> dict[str, Following]:
+    """Return `following` of an MJCF: what its ``<equality>`` says of joints, which Drake passes over."""
+    root, found = tree(path), {}
+    driven = {motor.get("joint") for actuator in root.iter("actuator") for motor in actuator}
+    for joint in (joint for equality in root.findall("equality") for joint in equality.findall("joint")):
+        name, leader = joint.get("joint1", ""), joint.get("joint2", "")
+        try:
+            offset, multiplier, *bends = map(float, joint.get("polycoef", "0 1 0 0 0").split())
+        except ValueError as error:
+            raise ModelError(f"{path}: equality of joint {name!r}: polycoef: {error}") from error
+        if not leader or any(bends) or joint.get("active") == "false":
+            continue
+        if name in driven and leader not in driven and multiplier != 0.0:
+            name, leader, multiplier, offset = leader, name, 1.0 / multiplier, -offset / multiplier
+        found[name] = Following(leader, multiplier, offset)
     return found
 
 
