@@ -8,14 +8,13 @@ They have no motor and no place in what a station tells of the gripper; a plant 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint
 
 from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.model.description.unparsed import following
+from twin_diagram.model.description.unparsed import following, of_all
 from twin_diagram.signals.arrays import Array, Ints
 
 
@@ -23,7 +22,7 @@ def couple(plant: MultibodyPlant, arm: Arm) -> None:
     """Hold an arm's joints to those that they follow; in a discrete plant that is not finalized."""
     every = [plant.get_joint(index) for instance in arm.instances for index in plant.GetJointIndices(instance)]
     known = {joint.name(): joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))}
-    for name, how in following(Path(arm.spec.model)).items():
+    for name, how in of_all(following, arm.parts).items():
         if name in known and how.leader in known:
             plant.AddCouplerConstraint(known[name], known[how.leader], how.multiplier, how.offset)
 
@@ -56,7 +55,7 @@ class Followers:
         Raises:
             ModelError: a number in the description that cannot be read.
         """
-        told = following(Path(arm.spec.model))
+        told = of_all(following, arm.parts)
         leaders = [plant.get_joint(index) for index in arm.gripper_joint_indices]
         place = {joint.name(): k for k, joint in enumerate(leaders)}
         taken = {int(index) for index in (*arm.joint_indices, *arm.gripper_joint_indices)}

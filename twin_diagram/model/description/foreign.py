@@ -76,7 +76,7 @@ def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
     given = path.read_bytes()
     has_geometry = reader.plant().geometry_source_is_registered()
     if has_geometry:
-        for name, folder in named_files.packages_above(given, path, _folders(reader.package_map())).items():
+        for name, folder in named_files.packages_above(given, path, folders_of(reader.package_map())).items():
             reader.package_map().Add(name, folder)
     text = given
     if kind == ".xml":
@@ -84,7 +84,7 @@ def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
     elif kind == ".urdf":
         text = _urdf(text)
     if has_geometry or kind == ".xml":
-        text = _MESH[kind].sub(_readable(path, text, _folders(reader.package_map())), text)
+        text = _MESH[kind].sub(_readable(path, text, folders_of(reader.package_map())), text)
     if text == given:
         return tuple(reader.AddModels(path))
     scheme = b"" if kind == ".xml" else b"file://"
@@ -95,7 +95,7 @@ def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
         raise RuntimeError(str(error).replace(f"<literal-string>.{_KINDS[kind]}", str(path))) from error
 
 
-def _folders(packages: PackageMap) -> dict[str, Path]:
+def folders_of(packages: PackageMap) -> dict[str, Path]:
     """Return the folders that need no download."""
     own = [name for name in packages.GetPackageNames() if name != "drake_models"]
     return {name: Path(packages.GetPath(name)) for name in own}

@@ -7,6 +7,8 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+from pydrake.multibody.parsing import LoadModelDirectives
+
 _RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
 """Of a URDF, SDF or MJCF: what stands before a file's name, and the name."""
 _FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"']+?)\s*(?=["'])""")
@@ -104,3 +106,33 @@ def place_of(name: str, folder: Path, packages: Mapping[str, Path]) -> Path | No
     else:
         path = Path(rest) if scheme == "file" else folder / rest if not scheme else None
     return path if path is not None and path.is_file() else None
+
+
+def parts_of(description: Path, packages: Mapping[str, Path]) -> tuple[Path, ...]:
+    """Return the files whose models a description adds: those that a .dmd.yaml names, each once, or it itself.
+
+    Args:
+        description: the file.
+        packages: folders by package name.
+    """
+    found: dict[Path, None] = {}
+
+    def read(path: Path) -> None:
+        if path in found:
+            return
+        found[path] = None
+        if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
+            return
+        try:
+            directives = LoadModelDirectives(str(path)).directives
+        except RuntimeError:  # which the parser says better
+            return
+        for each in directives:
+            named = each.add_model or each.add_directives
+            place = None if named is None else place_of(named.file, path.parent, packages)
+            if place is not None:
+                read(place)
+
+    read(description)
+    kept = tuple(path for path in found if path.suffix.lower() not in (".yaml", ".yml"))
+    return kept or (description,)

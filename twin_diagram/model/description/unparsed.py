@@ -9,13 +9,15 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 from xml.etree.ElementTree import Element
 
 from twin_diagram.errors import ModelError
 
+T = TypeVar("T")
 _PREFIX = re.compile(rb"(?<=[<\s/])(\w+):(?=\w[\w.-]*[\s=>/])")
 """`drake:` and its like in names of elements and attributes."""
 
@@ -33,32 +35,49 @@ class StatedDynamics:
     springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
-def stated_dynamics(path: Path, joints: Sequence[str]) -> StatedDynamics:
+def of_all(read: Callable[[Path], Mapping[str, T]], parts: Sequence[Path]) -> dict[str, T]:
+    """Return what is read of all files of a description, by joint; of two of one name, what the first file says.
+
+    Args:
+        read: `armatures`, `following` or `effort_limits`.
+        parts: the files, see `named_files.parts_of`.
+
+    Raises:
+        ModelError: a number that cannot be read.
+    """
+    return {name: value for part in reversed(parts) for name, value in read(part).items()}
+
+
+def stated_dynamics(parts: Sequence[Path], joints: Sequence[str]) -> StatedDynamics:
     """Return the friction and springs of an arm's joints that its description states.
 
     Args:
-        path: URDF, SDF or MJCF; others state none here.
+        parts: its files: URDF, SDF or MJCF; others state none here.
         joints: the arm's.
 
     Raises:
         ModelError: a number that cannot be read.
     """
-    suffix = path.suffix.lower()
-    if suffix not in (".urdf", ".sdf", ".xml"):
-        return StatedDynamics()
-    root = _root(path)
-    try:
-        if suffix == ".xml":
-            found = {name: values[:3] for name, values in _mjcf(root, path.parent)}
-        else:
-            found = {name: (friction, 0.0, 0.0) for name, friction in _urdf_or_sdf(root)}
-    except ValueError as error:
-        raise ModelError(f"{path}: joint: {error}") from error
+    found = of_all(_stated, parts)
     own = {joint: found[joint] for joint in joints if joint in found}
     return StatedDynamics(
         {joint: friction for joint, (friction, _, _) in own.items() if friction > 0.0},
         {joint: (stiffness, rest) for joint, (_, stiffness, rest) in own.items() if stiffness > 0.0},
     )
+
+
+def _stated(path: Path) -> dict[str, tuple[float, float, float]]:
+    """Return friction, stiffness and position at rest of a file's joints."""
+    suffix = path.suffix.lower()
+    if suffix not in (".urdf", ".sdf", ".xml"):
+        return {}
+    root = _root(path)
+    try:
+        if suffix == ".xml":
+            return {name: values[:3] for name, values in _mjcf(root, path.parent)}
+        return {name: (friction, 0.0, 0.0) for name, friction in _urdf_or_sdf(root)}
+    except ValueError as error:
+        raise ModelError(f"{path}: joint: {error}") from error
 
 
 def armatures(path: Path) -> dict[str, float]:
