@@ -9,6 +9,7 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.errors import ModelError
+from twin_diagram.model import Model
 from twin_diagram.model.description.add_arm import Arm, add_arm
 from twin_diagram.model.description.followers import Followers
 from twin_diagram.model.description.named_files import parts_of
@@ -64,6 +65,16 @@ def test_what_cannot_be_is_refused_with_the_name_of_the_file(tmp_path: Path) -> 
     outer = told(tmp_path, ARM.replace('<mass value="1"/>', '<mass value="-1"/>', 1))
     with pytest.raises(ModelError, match=r"arm\.urdf: link 'base': a mass of -1 kg"):
         added(outer)
+
+
+def test_a_copy_finds_what_it_names(tmp_path: Path) -> None:
+    lab = tmp_path / "lab"
+    lab.mkdir()
+    outer = told(lab)
+    outer.write_text('directives:\n- add_model: {name: arm, file: "package://lab/arm.urdf"}\n')
+    Model.load(outer, {"lab": lab}).save(tmp_path / "saved")
+    assert Model.load(tmp_path / "saved", {"lab": lab}).joints == ("turn",)
+    assert Model.load(tmp_path / "saved").joints == ("turn",)
 
 
 def test_files_that_name_each_other_are_read_once(tmp_path: Path) -> None:

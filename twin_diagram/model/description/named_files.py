@@ -9,6 +9,8 @@ from pathlib import Path
 
 from pydrake.multibody.parsing import LoadModelDirectives
 
+DIRECTIVES = (".yaml", ".yml")
+"""Suffixes of files that add models from other files: Drake's .dmd.yaml."""
 _RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
 """Of a URDF, SDF or MJCF: what stands before a file's name, and the name."""
 _FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"']+?)\s*(?=["'])""")
@@ -25,7 +27,7 @@ def anchored(text: bytes, description: Path, prefix: bytes = b"") -> bytes:
     Args:
         text: of the description.
         description: the file that it is from.
-        prefix: of absolute paths: `file://` where the text itself is parsed.
+        prefix: of absolute paths: `file://` where the text itself is parsed, and in directives.
     """
 
     def file(match: re.Match[bytes]) -> bytes:
@@ -121,7 +123,7 @@ def parts_of(description: Path, packages: Mapping[str, Path]) -> tuple[Path, ...
         if path in found:
             return
         found[path] = None
-        if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
+        if path.suffix.lower() not in DIRECTIVES or not path.is_file():
             return
         try:
             directives = LoadModelDirectives(str(path)).directives
@@ -134,5 +136,5 @@ def parts_of(description: Path, packages: Mapping[str, Path]) -> tuple[Path, ...
                 read(place)
 
     read(description)
-    kept = tuple(path for path in found if path.suffix.lower() not in (".yaml", ".yml"))
+    kept = tuple(path for path in found if path.suffix.lower() not in DIRECTIVES)
     return kept or (description,)
