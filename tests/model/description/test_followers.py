@@ -210,3 +210,47 @@ def test_what_is_not_in_proportion_follows_nobody(tmp_path: Path, equal: str) ->
     path.write_text(MJCF_HAND.format(INERTIAL, '<joint joint1="right" joint2="left" polycoef="0 one"/>'))
     with pytest.raises(ModelError, match="equality of joint 'right': polycoef"):
         following(path)
+
+
+SDF_LINK = '<link name="{0}"><inertial><mass>1</mass></inertial></link>'
+SDF_JOINT = (
+    '<joint name="{0}" type="{1}"><parent>{2}</parent><child>{3}</child><axis><xyz>0 1 0</xyz><limit><lower>0</lower>'
+    "<upper>0.04</upper><effort>{4}</effort></limit>{5}</axis>{6}</joint>"
+)
+
+
+@pytest.mark.parametrize(
+    ("own", "drakes", "declared"),
+    [
+        ("", '<drake:mimic joint="left" multiplier="2" offset="0.004"/>', ""),
+        ("", '<drake:mimic joint="left" multiplier="2" offset="0.004"/>', ' xmlns:drake="http://drake.mit.edu"'),
+        (
+            '<mimic joint="left"><multiplier>2</multiplier><offset>0.024</offset><reference>0.01</reference></mimic>',
+            "",
+            "",
+        ),
+    ],
+    ids=["drake", "drake, declared", "sdf"],
+)
+def test_a_finger_of_an_sdf_follows(tmp_path: Path, own: str, drakes: str, declared: str) -> None:
+    path = tmp_path / "hand.sdf"
+    path.write_text(
+        f'<sdf version="1.11"{declared}><model name="m">{"".join(map(SDF_LINK.format, "bulr"))}'
+        + SDF_JOINT.format("turn", "revolute", "b", "u", 9, "", "")
+        + SDF_JOINT.format("left", "prismatic", "u", "l", 5, "", "")
+        + SDF_JOINT.format("right", "prismatic", "u", "r", 0, own, drakes)
+        + "</model></sdf>"
+    )
+    spec = scenario.ArmModel(model=str(path), tool_frame="")
+    plant = MultibodyPlant(0.0)
+    arm = add_arm(plant, spec)
+    plant.Finalize()
+    assert arm.joints == ("turn",) and arm.gripper_joints == ("left",)
+    followers, q = Followers.of(plant, arm), np.array([0.0, 0.03, 0.0])
+    assert [joint.name() for joint in followers.joints] == ["right"]
+    followers.follow(q)
+    assert q[2] == pytest.approx(0.064)
+    world = build_world(
+        DiagramBuilder(), scenario.Scenario(world=scenario.World(arm=spec), twin=scenario.Twin(arm=spec))
+    )
+    assert world.plant.num_constraints() == 1

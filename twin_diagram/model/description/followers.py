@@ -1,6 +1,6 @@
 """Joints that follow the gripper's: a finger that one motor moves with another, a linkage.
 
-URDF's ``<mimic>``, MJCF's ``<equality><joint/></equality>``.
+URDF's and SDF's ``<mimic>``, Drake's ``<drake:mimic>``, MJCF's ``<equality><joint/></equality>``.
 
 They have no motor and no place in what a station tells of the gripper; a plant without contact does not move them.
 """

@@ -20,6 +20,10 @@ from twin_diagram.errors import ModelError
 T = TypeVar("T")
 _PREFIX = re.compile(rb"(?<=[<\s/])(\w+):(?=\w[\w.-]*[\s=>/])")
 """`drake:` and its like in names of elements and attributes."""
+_MIMIC = re.compile(r"(?:\{.*\}|\w+_)?mimic")
+"""With a namespace that is declared, or one that `_root` made part of the name."""
+_HOW_IT_FOLLOWS = {"multiplier": "1", "offset": "0", "reference": "0"}
+"""What is said of a joint that follows: attributes, or SDF's elements; and what counts where they are missing."""
 
 
 @dataclass(frozen=True)
@@ -104,27 +108,30 @@ class Following:
 
 
 def following(path: Path) -> dict[str, Following]:
-    """Return the joints of a URDF or MJCF that follow another one, by name; fixed ones do not.
+    """Return the joints of a URDF, SDF or MJCF that follow another one, by name; fixed ones do not.
 
-    Of two joints that an MJCF holds equal in proportion, the one without a motor follows.
+    Of two joints that an MJCF holds equal in proportion, the one without a motor follows. An SDF says it in its own
+    words, which Drake passes over, or in Drake's.
 
     Raises:
         ModelError: a number that cannot be read.
     """
     if path.suffix.lower() == ".xml":
         return _held_equal(path)
-    if path.suffix.lower() != ".urdf":
+    if path.suffix.lower() not in (".urdf", ".sdf"):
         return {}
     found = {}
     for joint in _root(path).iter("joint"):
-        mimic = joint.find("mimic")
+        mimic = next((each for each in joint.iter() if _MIMIC.fullmatch(each.tag)), None)
         if mimic is None or joint.get("type") == "fixed":
             continue
+        words = [mimic.get(key) or mimic.findtext(key) or usual for key, usual in _HOW_IT_FOLLOWS.items()]
         try:
-            numbers = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+            multiplier, offset, reference = map(float, words)
         except ValueError as error:
             raise ModelError(f"{path}: mimic of joint {joint.get('name', '')!r}: {error}") from error
-        found[joint.get("name", "")] = Following(mimic.get("joint", ""), *numbers)
+        leader = mimic.get("joint", "").rpartition("::")[2]
+        found[joint.get("name", "")] = Following(leader, multiplier, offset - multiplier * reference)
     return found
 
 
