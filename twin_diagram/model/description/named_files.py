@@ -123,18 +123,27 @@ def parts_of(description: Path, packages: Mapping[str, Path]) -> tuple[Path, ...
         if path in found:
             return
         found[path] = None
-        if path.suffix.lower() not in DIRECTIVES or not path.is_file():
-            return
-        try:
-            directives = LoadModelDirectives(str(path)).directives
-        except RuntimeError:  # which the parser says better
-            return
-        for each in directives:
-            named = each.add_model or each.add_directives
-            place = None if named is None else place_of(named.file, path.parent, packages)
-            if place is not None:
-                read(place)
+        for _, place in named_in(path, packages):
+            read(place)
 
     read(description)
     kept = tuple(path for path in found if path.suffix.lower() not in DIRECTIVES)
     return kept or (description,)
+
+
+def named_in(path: Path, packages: Mapping[str, Path]) -> list[tuple[str, Path]]:
+    """Return the files that directives add models from, as they are written and where they are; of others none.
+
+    Args:
+        path: of the directives.
+        packages: folders by package name.
+    """
+    if path.suffix.lower() not in DIRECTIVES or not path.is_file():
+        return []
+    try:
+        directives = LoadModelDirectives(str(path)).directives
+    except RuntimeError:  # which the parser says better
+        return []
+    names = [each.file for one in directives if (each := one.add_model or one.add_directives) is not None]
+    places = ((name, place_of(name, path.parent, packages)) for name in names)
+    return [(name, place) for name, place in places if place is not None]
