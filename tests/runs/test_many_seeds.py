@@ -92,6 +92,23 @@ def test_a_finished_run_is_read_back_and_others_are_varied(tmp_path: Path, monke
     assert many_seeds.run_one(task) == {"seed": 99} and len(calls) == 2
 
 
+def test_a_finished_run_of_another_scenario_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was read back whatever was asked for: a bound that was changed seemed to change nothing."""
+    folder = tmp_path / "seed_0003"
+
+    def run_scenario(scenario: Any, **how: Any) -> dict[str, Any]:
+        assert not (folder / "summary.json").exists(), "what is there is of what is asked"
+        done = {"duration_s": scenario.duration}
+        (folder / "summary.json").write_text(json.dumps(done))
+        return done
+
+    monkeypatch.setattr(many_seeds, "vary", lambda base, seed, folder: base)
+    monkeypatch.setattr(many_seeds, "run_scenario", run_scenario)
+    for seconds in (0.5, 0.5, 0.7, 0.5):
+        found = many_seeds.run_one(("tabletop", [f"duration={seconds}"], 3, str(folder)))
+        assert found == {"duration_s": seconds}
+
+
 def test_each_seed_has_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Any] = []
     monkeypatch.setattr(many_seeds, "_summaries", lambda tasks, jobs: seen.append((tasks, jobs)) or iter(()))

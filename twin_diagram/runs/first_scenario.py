@@ -122,7 +122,7 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None, j
     lower = np.array([float(joint.position_lower_limits()[0]) for joint in own])
     upper = np.array([float(joint.position_upper_limits()[0]) for joint in own])
     home, stands = _home(spec, lower, upper, packages)
-    held = {*added.joints, *added.gripper_joints, *unparsed.following(Path(added.spec.model))}
+    held = {*added.joints, *added.gripper_joints, *unparsed.of_all(unparsed.following, added.parts)}
     movable = [j.name() for j in _joints(plant, added) if isinstance(j, (RevoluteJoint, PrismaticJoint))]
     loose = tuple(name for name in movable if name not in held)
     return Brought(added.joints, lower, upper, frames, home, stands, loose)

@@ -16,15 +16,19 @@ from twin_diagram.model.effects.serialisation import users_effects
 from twin_diagram.runs.randomization import vary
 from twin_diagram.runs.run import run_scenario
 from twin_diagram.runs.score import within
+from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.child_process import BAD_INPUT, ChildProcess
 from twin_diagram.runtime.threads import one_thread
-from twin_diagram.scenario.file import load_scenario, save_scenario
+from twin_diagram.scenario.file import dump_scenario, load_scenario, save_scenario
 
 Task = tuple[str, list[str], int, str]
 """Scenario, overrides, seed and folder, as they cross to another process."""
 
 WORKER: Final = (sys.executable, "-m", "twin_diagram.runs.seed_worker")
 """The command that runs one seed in a process of its own."""
+
+ASKED: Final = "asked.yaml"
+"""In a seed's folder: the scenario that its run was drawn from."""
 
 BOUNDS = {
     "tracked": "every visible object within 5 mm and 5° (median; about a symmetric axis excepted)",
@@ -44,7 +48,8 @@ def run_seeds(
 ) -> Iterator[dict[str, Any]]:
     """Run a scenario once per seed, with poses, textures, payload, friction and path drawn afresh.
 
-    A run whose ``summary.json`` is there already is read back, so that an interrupted call can be repeated.
+    A run of the same scenario whose ``summary.json`` is there already is read back, so that an interrupted call can be
+    repeated; one of another is made anew. What lies in files that the scenario names is not looked at.
 
     Args:
         scenario: file or name.
@@ -146,14 +151,17 @@ class SeedProcess(ChildProcess[dict[str, Any]]):
 
 @one_thread()
 def run_one(task: Task) -> dict[str, Any]:
-    """Run one seed; a run that was finished before is read back."""
+    """Run one seed; a run of the same scenario that was finished before is read back."""
     name, overrides, seed, folder = task
-    done = Path(folder) / "summary.json"
-    if done.is_file():
+    done, kept, base = Path(folder) / "summary.json", Path(folder) / ASKED, load_scenario(name, overrides)
+    asked = dump_scenario(base)
+    # Earlier versions did not keep what was asked; their runs are taken as they are.
+    if done.is_file() and (not kept.is_file() or kept.read_text(encoding="utf-8") == asked):
         summary = dict(json.loads(done.read_text(encoding="utf-8")))
         if not summary.get("stopped"):
             return summary
-    base = load_scenario(name, overrides)
+    done.unlink(missing_ok=True)  # it is of another scenario than what is kept from here on
+    atomic_file.write(kept, asked)
     scenario = vary(base, seed, Path(folder) / "assets")
     save_scenario(scenario, Path(folder) / "scenario.yaml")
     return run_scenario(

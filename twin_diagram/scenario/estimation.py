@@ -68,7 +68,8 @@ class Filter:
     learning_rate: float = 0.01
     """η of the gradient rule, in standard deviations of the prior."""
     history: float = 0.1
-    """How far back a late reading is fused at its own time [s]."""
+    """How far back a late reading is fused at its own time [s]; less where further sensors read between the arm's
+    messages: as many steps are kept as messages come in that time."""
     sensors: list[SensorSpec] = field(default_factory=list)
     """Further sensors, besides the arm's own."""
 

@@ -18,6 +18,7 @@ from twin_diagram.assets.description import AssetSpec, read_spec
 from twin_diagram.errors import AssetError, ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.description.fixtures import add_fixture
+from twin_diagram.model.description.followers import Followers
 from twin_diagram.scenario import resources
 from twin_diagram.scene.slot_geometry import Shapes, SlotFrames, SlotPoses, add_slot_frames, library_shapes
 from twin_diagram.signals.arrays import Array
@@ -69,6 +70,7 @@ class TwinScene:
         arm: the arm in `plant`.
         arm_position_index: (n,) of the arm's joints in the plant's positions.
         gripper_position_index: (g,) of the finger joints.
+        followers: joints that follow these.
         object_position_index: (K, 7) of the objects' (qw, qx, qy, qz, px, py, pz).
         slots: frames for further instances and unknown things.
         kinds: of the library's objects, in order, then of those that were added later.
@@ -85,6 +87,7 @@ class TwinScene:
     arm: description.Arm
     arm_position_index: np.ndarray
     gripper_position_index: np.ndarray
+    followers: Followers
     object_position_index: np.ndarray
     kinds: list[Kind]
     slots: SlotFrames
@@ -167,6 +170,7 @@ def add_twin_scene(
         arm=arm,
         arm_position_index=arm_index,
         gripper_position_index=gripper,
+        followers=Followers.of(plant, arm),
         object_position_index=objects,
         kinds=[Kind.of(name, spec) for name, spec in zip(names, specs, strict=True)],
         slots=slots,

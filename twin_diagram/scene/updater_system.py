@@ -365,6 +365,7 @@ class SceneGraphUpdater(LeafSystem):
             gripper = cast(Array, self._gripper_in.Eval(context))
             if np.isfinite(gripper).all():
                 positions[scene.gripper_position_index] = gripper[: len(scene.gripper_position_index)]
+        scene.followers.follow(positions)
         tracks = cast(Array, self._tracks_out.Eval(context)).reshape(self._count, TRACK_SIZE)
         positions[scene.object_position_index] = tracks[:, 2:9]
         output.SetFromVector(cast(Any, positions))

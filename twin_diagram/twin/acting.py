@@ -49,7 +49,7 @@ def add_task(
         return source.get_output_port(), None
     check_places(twin.task, library, fixture_solids(twin.fixtures, packages))
     described = scene.default_positions[scene.gripper_position_index]
-    fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described)
+    fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described, scene.followers.widening)
     runner = builder.AddNamedSystem("task_runner", TaskRunner(model, twin, library, fingers))
     return runner.GetOutputPort("goal"), runner
 

@@ -46,6 +46,16 @@ def test_the_past_reaches_back_as_far_as_it_is_asked_to(span: float, rate: float
     assert ekf.history.capacity == steps and ekf.period == pytest.approx(1.0 / rate)
 
 
+@pytest.mark.parametrize("rate", [20.0, 50.0, 70.0, 100.0, 125.0])
+def test_the_past_reaches_back_as_far_where_messages_are_far_apart(rate: float) -> None:
+    """What lies between two messages is predicted in steps of 10 ms; at 20 Hz they reached back 30 ms, not 100."""
+    ekf = begun(Filter(history=0.1, rate=rate), v=(0.0, 0.0))
+    ekf.add(BodyPose(ekf.terms, "car"))
+    for k in range(1, 40):
+        ekf.observe(ekf.belief.q.copy(), np.zeros(2), np.zeros(2), 1.0 + k / rate)
+    assert ekf.belief.time - ekf.history.oldest >= 0.1 - 1e-9
+
+
 def test_sensors_are_found_by_name_or_as_themselves() -> None:
     ekf = begun(PARAMS)
     camera = BodyPose(ekf.terms, "car")

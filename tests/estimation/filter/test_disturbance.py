@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from twin_diagram.estimation.filter.belief import Belief
+from tests.estimation.small_arms import INERTIA, crank
+from twin_diagram.estimation.filter.belief import Belief, Entry
 from twin_diagram.estimation.filter.disturbance import (
     creep_std,
     disturbance_std,
@@ -14,6 +15,7 @@ from twin_diagram.estimation.filter.disturbance import (
     follow_regimes,
     sure_to_slide,
 )
+from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.scenario import Filter
 
 PARAMS = Filter()
@@ -137,3 +139,14 @@ def test_it_is_never_thought_larger_than_given_nor_below_a_hundredth() -> None:
             belief.disturbance[:], belief.P[2, 2] = d, P
             follow_disturbance(belief, PARAMS, np.array([0.04]), 0.5)
         assert belief.steady[0] == pytest.approx(expected)
+
+
+def test_a_disturbance_that_is_told_to_be_none_stays_none() -> None:
+    """On an arm without friction: of no variance no share can be learnt, and the filter began anew at each message."""
+    ekf = Ekf(crank(), Filter(torque_drift_std=0.0))
+    for k in range(120):
+        t = 1.0 + k / 200.0
+        q, v, tau = (np.array([x]) for x in (np.sin(t), np.cos(t), -INERTIA * np.sin(t)))
+        ekf.observe(q, v, tau, t)
+    assert ekf.belief.header[Entry.RESTARTS] == 0.0 and ekf.belief.header[Entry.ACCEPTED] == 119.0
+    assert not ekf.belief.disturbance.any() and not ekf.belief.steady.any()

@@ -152,6 +152,39 @@ def test_an_mjcf_with_stl_meshes_and_a_body_without_mass(tmp_path: Path) -> None
     np.testing.assert_allclose(high - low, (0.2, 0.4, 0.6), atol=1e-6)
 
 
+@pytest.mark.parametrize("quoted", ["", '"'])
+def test_what_directives_name_is_put_right_too(tmp_path: Path, quoted: str) -> None:
+    (tmp_path / "assets").mkdir()
+    for folder in (tmp_path, tmp_path / "assets"):
+        (folder / "box.stl").write_bytes(binary_stl(TRIANGLES))
+    (tmp_path / "meshes.xml").write_text('<mujoco><asset><mesh file="box.stl"/></asset></mujoco>')
+    (tmp_path / "arm.xml").write_text(MJCF)
+    (tmp_path / "arm.urdf").write_text(urdf("box.stl"))
+    for kind in ("urdf", "xml"):
+        inner, outer = (tmp_path / f"{name}_{kind}.dmd.yaml" for name in ("inner", "outer"))
+        place = f"{quoted}file://{tmp_path}/arm.{kind}{quoted}"
+        start = "default_joint_positions: {lift: [0.3]}"
+        inner.write_text(f"directives:\n- add_model: {{name: arm, file: {place}, {start}}}\n")
+        weld = "{parent: world, child: arm::base, X_PC: {rotation: !Rpy {deg: [0, 0, 90]}}}"
+        welded = f"- add_weld: {weld}\n" if kind == "urdf" else ""  # an MJCF stands still by itself
+        outer.write_text(f"directives:\n- add_directives: {{file: 'file://{inner}'}}\n{welded}")
+        for path in (inner, outer):
+            given = path.read_text()
+            low, high, _ = shape_of(path)
+            np.testing.assert_allclose(high - low, (0.1, 0.2, 0.3), atol=1e-6)
+            assert path.read_text() == given
+
+
+def test_what_lacks_is_named_as_directives_name_it(tmp_path: Path) -> None:
+    # Its motors are put right, so that a copy is read; the mesh is not there.
+    (tmp_path / "arm.urdf").write_text(urdf("tip.obj", transmission("lift") + transmission("nobody")))
+    path = tmp_path / "arm.dmd.yaml"
+    path.write_text(f"directives:\n- add_model: {{name: arm, file: file://{tmp_path}/arm.urdf}}\n")
+    with pytest.raises(ModelError, match=rf"{tmp_path}/(arm\.urdf|tip\.obj)") as error:
+        shape_of(path)
+    assert "0_" not in str(error.value) and "1_" not in str(error.value)
+
+
 CHAIN = """<robot>
   <material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>
   <link name="base"/>

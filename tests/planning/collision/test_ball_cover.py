@@ -64,12 +64,13 @@ def test_a_sphere_is_its_own_ball() -> None:
 
 
 @pytest.mark.parametrize(
-    "size", [(0.1, 0.1, 0.1), (0.3, 0.05, 0.04), (0.02, 0.2, 0.02), (0.25, 0.2, 0.3), (0.5, 0.5, 0.5)]
+    "size",
+    [(0.1, 0.1, 0.1), (0.3, 0.05, 0.04), (0.02, 0.2, 0.02), (0.25, 0.2, 0.3), (0.5, 0.5, 0.5), (1.0, 0.02, 0.02)],
 )
 def test_a_box_has_the_fewest_cells_that_keep_the_overhang_or_the_best_of_thirty_six(size: tuple[float, ...]) -> None:
     cover = box_cover(np.array(size), 0.013)
     radius = cover[0][1]
-    cells = [np.array(size) / n for n in product(range(1, 13), repeat=3) if np.prod(n) <= 36]
+    cells = [np.array(size) / n for n in product(range(1, 37), repeat=3) if np.prod(n) <= 36]
     beyond = [np.linalg.norm(c) / 2 - c.min() / 2 for c in cells]
     kept = [c for c, b in zip(cells, beyond, strict=True) if b <= 0.013]
     if kept:

@@ -9,6 +9,8 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.model.description.add_arm import add_arm
+from twin_diagram.model.model import Model
+from twin_diagram.planning.collision.ball_cover import _link_poses, arm_plant
 from twin_diagram.planning.collision.chain import Chain, depths, drawn_range, point_jacobian
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.scenario import ArmModel, Pose
@@ -55,6 +57,25 @@ def test_places_are_the_plants(loaded: tuple[MultibodyPlant, Chain, list[str]]) 
             np.testing.assert_allclose(placement.X_WL[row, k + 1], X, atol=1e-12)
         X = plant.GetFrameByName("tool").CalcPoseInWorld(context).GetAsMatrix4()
         np.testing.assert_allclose(chain.tool(placement)[row], X, atol=1e-12)
+
+
+def test_joints_outside_the_arm_stand_as_described(tmp_path: Path) -> None:
+    """A tool behind a joint that is not the arm's, which starts at 0.7 rad, was 0.7 rad off; so were balls about it."""
+    (tmp_path / "arm.urdf").write_text(ARM.format(links="".join(LINK.format(name) for name in ("a", "b", "c", "tool"))))
+    (tmp_path / "arm.dmd.yaml").write_text(
+        f"directives: [{{add_model: {{name: arm, file: 'file://{tmp_path}/arm.urdf', "
+        "default_joint_positions: {bend: [0.7]}}}]"
+    )
+    spec = ArmModel(model=str(tmp_path / "arm.dmd.yaml"), tool_frame="tool", joints=["turn", "rail"])
+    model = Model.load(spec)
+    plant, _, arm, _ = arm_plant(spec)
+    chain = Chain.from_plant(plant, arm.joint_indices, arm.tool_frame)
+    for q in Q[:, :2]:
+        expected = model.tool_pose(q).GetAsMatrix4()
+        np.testing.assert_allclose(chain.tool(chain.place(q[None]))[0], expected, atol=1e-12)
+    X_LB = _link_poses(plant, arm, depths(plant, arm.joint_indices))(plant.GetBodyByName("tool"))
+    assert len(X_LB) == 1
+    np.testing.assert_allclose(X_LB[0], chain.X_LT, atol=1e-12)
 
 
 def test_points_move_with_the_joints_that_carry_them(loaded: tuple[MultibodyPlant, Chain, list[str]]) -> None:

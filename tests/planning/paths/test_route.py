@@ -452,6 +452,22 @@ def test_a_box_between_is_passed_over_no_higher_than_need_be(boxed: Any) -> None
     np.testing.assert_array_equal(decided(far, True)[0].points, goal[None])
 
 
+@pytest.mark.parametrize("turned", [0.0, 4.0, -5.5])
+def test_a_lift_goes_straight_up_however_far_joints_have_turned(turned: float) -> None:
+    """A UR5e's joints turn by ±2π; from beyond half a turn a lift of 6 cm went 0.4 m aside, back to within it."""
+    from twin_diagram import scenario
+    from twin_diagram.planning.collision.collision_scene import load_scene
+
+    scene = load_scene(scenario.ArmModel(model="arms/ur5e.urdf", tool_frame=""), [scenario.Fixture()], {})
+    router, q = Router(scene, np.full(6, 1.0)), np.array([turned, -1.2, 1.5, -1.8, -1.57, turned])
+    up = router.lifted(q, 0.06)
+    before, after = scene.chain.tool(scene.chain.place(np.stack([q, up])))[:, :3, 3]
+    np.testing.assert_allclose(after - before, [0.0, 0.0, 0.06], atol=2e-3)
+    assert np.abs(up - q).max() < 0.1
+    at_limit = router.lifted(np.where(np.arange(6) == 1, scene.lower, q), 0.06)
+    assert (at_limit >= scene.lower).all() and (at_limit <= scene.upper).all()
+
+
 def test_an_arm_whose_load_touches_its_support_rises_first_and_no_other(boxed: Any) -> None:
     """Planner and search alike: both know it from what the hand holds."""
     from twin_diagram import scenario

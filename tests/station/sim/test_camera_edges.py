@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from twin_diagram.scenario import Camera, CameraDefects
+from twin_diagram.scenario.lenses import colour_lens
 from twin_diagram.station.sim.camera_defects import edges
 from twin_diagram.station.sim.camera_edges import flying, jittered
+from twin_diagram.station.sim.camera_profiles import faults
+from twin_diagram.station.sim.depth_sensor import DepthSensor
 
 STEP = np.where(np.arange(80) < 40, 1.0, 1.5)[None, :].repeat(400, 0).astype(np.float32)
 
@@ -50,3 +54,18 @@ def test_nothing_floats_where_there_is_no_depth() -> None:
     found = flying(step, edges(step), 1.0, np.random.default_rng(4))
     np.testing.assert_array_equal(found, step)
     assert flying(STEP, edges(STEP), 0.0, np.random.default_rng(4)) is STEP
+
+
+@pytest.mark.parametrize("width", [320, 640, 1280])
+def test_a_camera_s_edges_jitter_by_figures_of_640_pixels(width: int) -> None:
+    """0.8 px at 640 a row, alike over 2.5 px: half of both at 320, twice at 1280."""
+    off = faults(CameraDefects(profile="d435", depth_noise=0.0, flying_pixels=0.0))
+    camera, share = Camera(width=width, height=480, focal=width), width / 640
+    sensor = DepthSensor(colour_lens(camera), camera, off, 0.001, 1.0, 3)
+    step = np.where(np.arange(width) < width // 2, 1.0, 1.5)[None, :].repeat(480, 0).astype(np.float32)
+    rows = np.array([(sensor.measured(step, k) < 1.2).sum(axis=1) for k in range(8)])
+    assert rows.std() == pytest.approx(np.sqrt((0.8 * share) ** 2 + 1 / 12), rel=0.12)
+    apart = round(5 * share)  # two sigmas: correlated by 1/e
+    away = rows - rows.mean()
+    alike = (away[:, apart:] * away[:, :-apart]).mean() / (0.8 * share) ** 2
+    assert alike == pytest.approx(np.exp(-((apart / (2.5 * share)) ** 2) / 4.0), abs=0.12)

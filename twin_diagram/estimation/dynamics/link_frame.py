@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -12,6 +12,11 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from twin_diagram.errors import ModelError
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.signals.arrays import Array
+
+_CROSS: Final = np.array(
+    [[[0, 0, 0], [0, 0, 1], [0, -1, 0]], [[0, 0, -1], [0, 0, 0], [1, 0, 0]], [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]], float
+)
+"""(3, 3, 3): a × b is _CROSS_ijk a_j b_k."""
 
 
 def skew(w: Array) -> Array:
@@ -124,3 +129,27 @@ def turned_rate(motion: LinkMotion, v: Array) -> Array:
     """
     upto = np.cumsum(motion.J_w * v, axis=1)
     return np.asarray(np.cross(motion.J_w, motion.omega[:, None] - upto, axis=0))
+
+
+def turned_acceleration(motion: LinkMotion, v: Array, a: Array) -> tuple[Array, Array]:
+    """Return ∂v̇_F/∂q and ∂v̇_F/∂v (3, n) of F's origin, whose acceleration is Σ J_k a_k + Σ H_km v_k v_m.
+
+    J is J_v. A joint turns what those after it move: H_km = ∂J_k/∂q_m = w_i × J_j with i the earlier of k and m and j
+    the later one; the joints come one after the other.
+
+    Args:
+        motion: of the frame.
+        v: (n,) speeds of the joints.
+        a: (n,) their accelerations.
+    """
+    w, J, n = motion.J_w, motion.J_v, len(v)
+    crossed = np.asarray((_CROSS.transpose(0, 2, 1).reshape(9, 3) @ w).reshape(3, 3, n).transpose(0, 2, 1))  # w_i ×
+    earlier = np.tri(n, k=-1).T  # row before column
+    pairs, turned = crossed @ J, crossed @ w * earlier
+    upper = pairs * earlier
+    H = upper + upper.transpose(0, 2, 1) + pairs * np.eye(n)
+    # Of Σ_{i<=j} w_i × J_j v_i v_j, those of two joints twice: what turns w_i, and what turns J_j.
+    w, J = w * v, J * v
+    outer, inner = v * (2.0 * J @ earlier.T + J), v * (2.0 * w @ earlier + w)
+    both = (turned @ outer.T).transpose(0, 2, 1) + (inner @ H).transpose(1, 0, 2)
+    return H @ a + _CROSS.reshape(3, 9) @ both.reshape(9, n), 2.0 * H @ v

@@ -23,10 +23,13 @@ from twin_diagram.signals.arrays import Array
 
 @dataclass(frozen=True)
 class Tuning:
-    """How far the model is followed: chosen by hand."""
+    """How far the model is followed, and how finely: chosen by hand."""
 
     impossible: float = 2.0
     """No joint is predicted to move faster than this many times its speed limit, or its speed where that is more."""
+
+    longest_step: float = 0.01
+    """A longer prediction is cut into steps no longer than this [s]."""
 
 
 TUNING = Tuning()
@@ -89,7 +92,8 @@ class Core:
         n, p = self.terms.n, self.parameters.size
         self.belief = Belief(n, p, self.declared.own, self.declared.sizes)
         size = self.belief.size
-        self.history = History(n, p, size, max(2, int(np.ceil(self.params.history * self.params.rate)) + 2))
+        rate = self.params.rate * np.ceil(self.period / TUNING.longest_step - 1e-9)  # of steps
+        self.history = History(n, p, size, int(np.ceil(self.params.history * rate)) + 2)
         self.F = np.eye(size)
         self.by_torque: Array | None = None
         self.step_mass = np.eye(n)

@@ -99,10 +99,12 @@ def follow_disturbance(belief: Belief, params: Filter, variance: Array, elapsed:
     """
     n = belief.n
     at = np.arange(2 * n, 3 * n)
-    sliding = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * TUNING.creep)
+    # Of a d that is told to be none nothing can be learnt.
+    sliding = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * TUNING.creep) & (variance > 0.0)
     factor = np.exp(belief.steady)
     fresh = elapsed / params.torque_drift_time
-    surprise = np.minimum((belief.disturbance**2 + belief.P[at, at]) / (variance * factor), TUNING.largest) - 1.0
+    given = np.where(variance > 0.0, variance * factor, 1.0)
+    surprise = np.minimum((belief.disturbance**2 + belief.P[at, at]) / given, TUNING.largest) - 1.0
     belief.told[sliding] = np.minimum(belief.told[sliding] + fresh, TUNING.memory)
     moved = np.log1p(fresh * surprise / (1.0 + belief.told))
     belief.steady += np.where(sliding, moved, 0.0)

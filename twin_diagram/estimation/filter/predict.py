@@ -32,9 +32,6 @@ EVERY: Final = np.array(True)
 class Tuning:
     """How far a prediction may go: chosen by hand."""
 
-    longest_step: float = 0.01
-    """A longer prediction is cut into steps no longer than this [s]."""
-
     longest_prediction: float = 2.5
     """What is further ahead is not predicted to [s]."""
 
@@ -51,7 +48,7 @@ def propagate(core: Core, u: Array, dt: float, torque_std: Array | float) -> Non
         dt: [s].
         torque_std: unmodelled torque, as white noise over one filter period [N·m].
     """
-    parts = int(np.ceil(dt / TUNING.longest_step - 1e-9))
+    parts = int(np.ceil(dt / BASE.longest_step - 1e-9))
     for _ in range(parts):
         _once(core, u, dt / parts, torque_std)
 

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.dynamics.link_frame import skew, turned_rate
+from twin_diagram.estimation.dynamics.link_frame import skew, turned_acceleration, turned_rate
 from twin_diagram.estimation.sensors.accelerated_sensor import AcceleratedSensor
 from twin_diagram.estimation.sensors.sensor import Instant, Linear
 
@@ -79,7 +79,9 @@ class LinkImu(AcceleratedSensor):
         # R_IW w changes by R_IW (w × J_w dq) where the link turns by J_w dq.
         H[:3, :n] = R_IW @ (skew(motion.omega) @ motion.J_w + turned_rate(motion, now.v))
         H[:3, n : 2 * n] = R_IW @ motion.J_w
-        H[3:, :n] = R_IW @ (skew(force) @ motion.J_w)
+        by_q, by_v = turned_acceleration(motion, now.v, now.acceleration)
+        H[3:, :n] = R_IW @ (skew(force) @ motion.J_w + by_q)
+        H[3:, n : 2 * n] = R_IW @ by_v
         J = R_IW @ motion.J_v
         if now.by_state is not None:
             H[3:] += J @ now.by_state

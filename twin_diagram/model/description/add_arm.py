@@ -31,7 +31,15 @@ from pydrake.multibody.tree import (
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError, ScenarioError, expect
-from twin_diagram.model.description import foreign, held_joints, impossible, joint_tree, parser_warnings, unparsed
+from twin_diagram.model.description import (
+    foreign,
+    held_joints,
+    impossible,
+    joint_tree,
+    named_files,
+    parser_warnings,
+    unparsed,
+)
 from twin_diagram.scenario import resources
 from twin_diagram.scenario.poses import pose
 
@@ -55,6 +63,7 @@ class Arm:
         base: the root link.
         last_link: the child link of the last arm joint that is no finger; payloads hang on it.
         tool_frame: the frame that the planner moves.
+        parts: the files that describe it: of a .dmd.yaml those that it names.
         stated: friction and springs that the description states and Drake does not read.
         link_side: whether its torques are those behind the gears, where no rotor of its own shows.
     """
@@ -70,6 +79,7 @@ class Arm:
     base: BodyIndex
     last_link: BodyIndex
     tool_frame: FrameIndex
+    parts: tuple[Path, ...]
     stated: unparsed.StatedDynamics = field(default_factory=unparsed.StatedDynamics)
     link_side: bool = False
 
@@ -199,14 +209,15 @@ def add_arm(
     motors = {
         int(actuator.joint().index()): actuator for actuator in actuators if actuator.model_instance() in instances
     }
-    following = unparsed.following(Path(spec.model))
+    parts = _parts(spec, packages)
+    following = unparsed.of_all(unparsed.following, parts)
     arm_joints, gripper_joints = _choose(spec, every, motors, following)
     if spec.joints:
         driven = {int(joint.index()) for joint in gripper_joints}
         still = [joint for joint in held_joints.beside(arm_joints, every) if int(joint.index()) not in driven]
         if held_joints.hold(plant, still, following):
             every = _joints(plant, instances)
-    efforts, rotors = unparsed.effort_limits(Path(spec.model)), unparsed.armatures(Path(spec.model))
+    efforts, rotors = unparsed.of_all(unparsed.effort_limits, parts), unparsed.of_all(unparsed.armatures, parts)
     for joint in [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])]:
         if int(joint.index()) not in motors:
             limit = efforts.get(joint.name(), np.inf)
@@ -230,15 +241,23 @@ def add_arm(
         base=base.index(),
         last_link=last_link.index(),
         tool_frame=_tool_frame(plant, instances, spec, last_link),
-        stated=unparsed.stated_dynamics(Path(spec.model), [joint.name() for joint in arm_joints]),
+        parts=parts,
+        stated=unparsed.stated_dynamics(parts, [joint.name() for joint in arm_joints]),
     )
+
+
+def _parts(spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None) -> tuple[Path, ...]:
+    """Return the files that describe an arm."""
+    folders = foreign.folders_of(parser(MultibodyPlant(0.0), packages).package_map())
+    return named_files.parts_of(Path(spec.model), folders)
 
 
 def _parsed(
     plant: MultibodyPlant, spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None
 ) -> tuple[ModelInstanceIndex, ...]:
     """Put a description into a plant; what is wrong with it is said in one line."""
-    impossible.refuse_impossible(Path(spec.model))
+    for part in _parts(spec, packages):
+        impossible.refuse_impossible(part)
     try:
         with parser_warnings.in_one_line(Path(spec.model)):
             instances = foreign.add_models(parser(plant, packages), Path(spec.model))

@@ -42,8 +42,10 @@ class CorrectedStanding:
 def write(spec: ArmModel, folder: str | Path, standing: CorrectedStanding | None = None) -> None:
     """Write the description, `effects.yaml` and `standing.yaml`; see `Model.save`."""
     description = Path(spec.model)
+    # Directives name files by URI alone.
+    scheme = b"file://" if description.suffix.lower() in named_files.DIRECTIVES else b""
     with atomic_file.folder(folder) as aside:
-        (aside / description.name).write_bytes(named_files.anchored(description.read_bytes(), description))
+        (aside / description.name).write_bytes(named_files.anchored(description.read_bytes(), description, scheme))
         yaml_dump_typed(replace(spec, model=description.name), filename=str(aside / EFFECTS_FILE))
         if standing is not None and standing != CorrectedStanding():
             (aside / STANDING_FILE).write_text(_text(standing), encoding="utf-8")

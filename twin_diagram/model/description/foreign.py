@@ -1,8 +1,8 @@
 """Lets Drake's parsers read descriptions as other programs write them.
 
-What is put right in a copy in memory: meshes as STL or COLLADA, packages that lie above the description, motors or
-materials of one name, motors of joints that are not there, fixed joints that claim to follow another one, a name that
-lacks, MJCF's bodies without mass or with several joints. What needs none of it is parsed as it is.
+What is put right in a copy: meshes as STL or COLLADA, packages that lie above the description, motors or materials of
+one name, motors of joints that are not there, fixed joints that claim to follow another one, a name that lacks, MJCF's
+bodies without mass or with several joints; in what a .dmd.yaml names, too. What needs none of it is parsed as it is.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 
 from pydrake.multibody.parsing import PackageMap, Parser
@@ -71,12 +72,58 @@ def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
         RuntimeError: Drake's parser refuses the description.
     """
     kind = path.suffix.lower()
-    if kind not in _KINDS or not path.is_file():
+    if kind in named_files.DIRECTIVES and path.is_file():
+        return _add_named(reader, path)
+    text = _mended(reader, path)
+    if text is None:
         return tuple(reader.AddModels(path))
+    try:
+        return tuple(reader.AddModelsFromString(text, _KINDS[kind]))
+    except RuntimeError as error:
+        raise RuntimeError(str(error).replace(f"<literal-string>.{_KINDS[kind]}", str(path))) from error
+
+
+def _add_named(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
+    """Parse the models of the files that directives name; what has to be put right, in copies that are not kept."""
+    packages, copies = folders_of(reader.package_map()), dict[Path, Path]()
+    with TemporaryDirectory() as aside:
+
+        def readable(place: Path) -> Path:
+            """Return what is to be read in a file's place."""
+            if place in copies:
+                return copies[place]
+            copies[place] = place
+            if place.suffix.lower() in named_files.DIRECTIVES:
+                given = text = place.read_text(encoding="utf-8")
+                for name, other in named_files.named_in(place, packages):
+                    if (copy := readable(other)) != other:
+                        text = re.sub(re.escape(name) + r"""(?=["'\s,}]|$)""", copy.as_uri(), text)
+                mended = None if text == given else text
+            else:
+                mended = _mended(reader, place)
+            if mended is not None:
+                copies[place] = Path(aside) / f"{len(copies)}_{place.name}"
+                copies[place].write_text(mended, encoding="utf-8")
+            return copies[place]
+
+        try:
+            return tuple(reader.AddModels(readable(path)))
+        except RuntimeError as error:
+            said = str(error)
+            for place, copy in copies.items():
+                said = said.replace(str(copy), str(place))
+            raise RuntimeError(said) from error
+
+
+def _mended(reader: Parser, path: Path) -> str | None:
+    """Return a description's text as Drake reads it, its files named by absolute paths; None: it does as it is."""
+    kind = path.suffix.lower()
+    if kind not in _KINDS or not path.is_file():
+        return None
     given = path.read_bytes()
     has_geometry = reader.plant().geometry_source_is_registered()
     if has_geometry:
-        for name, folder in named_files.packages_above(given, path, _folders(reader.package_map())).items():
+        for name, folder in named_files.packages_above(given, path, folders_of(reader.package_map())).items():
             reader.package_map().Add(name, folder)
     text = given
     if kind == ".xml":
@@ -84,18 +131,13 @@ def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
     elif kind == ".urdf":
         text = _urdf(text)
     if has_geometry or kind == ".xml":
-        text = _MESH[kind].sub(_readable(path, text, _folders(reader.package_map())), text)
+        text = _MESH[kind].sub(_readable(path, text, folders_of(reader.package_map())), text)
     if text == given:
-        return tuple(reader.AddModels(path))
-    scheme = b"" if kind == ".xml" else b"file://"
-    anchored = named_files.anchored(text, path, scheme).decode(errors="replace")
-    try:
-        return tuple(reader.AddModelsFromString(anchored, _KINDS[kind]))
-    except RuntimeError as error:
-        raise RuntimeError(str(error).replace(f"<literal-string>.{_KINDS[kind]}", str(path))) from error
+        return None
+    return named_files.anchored(text, path, b"" if kind == ".xml" else b"file://").decode(errors="replace")
 
 
-def _folders(packages: PackageMap) -> dict[str, Path]:
+def folders_of(packages: PackageMap) -> dict[str, Path]:
     """Return the folders that need no download."""
     own = [name for name in packages.GetPackageNames() if name != "drake_models"]
     return {name: Path(packages.GetPath(name)) for name in own}

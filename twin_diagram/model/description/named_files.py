@@ -7,6 +7,10 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+from pydrake.multibody.parsing import LoadModelDirectives
+
+DIRECTIVES = (".yaml", ".yml")
+"""Suffixes of files that add models from other files: Drake's .dmd.yaml."""
 _RELATIVE_FILE = re.compile(rb"""(<uri>|filename\s*=\s*["']|\bfile\s*=\s*["'])\s*([^"'<>]+?)\s*(?=["'<])""")
 """Of a URDF, SDF or MJCF: what stands before a file's name, and the name."""
 _FOLDER = re.compile(rb"""(\b(?:meshdir|texturedir|assetdir)\s*=\s*["'])\s*([^"']+?)\s*(?=["'])""")
@@ -23,7 +27,7 @@ def anchored(text: bytes, description: Path, prefix: bytes = b"") -> bytes:
     Args:
         text: of the description.
         description: the file that it is from.
-        prefix: of absolute paths: `file://` where the text itself is parsed.
+        prefix: of absolute paths: `file://` where the text itself is parsed, and in directives.
     """
 
     def file(match: re.Match[bytes]) -> bytes:
@@ -104,3 +108,42 @@ def place_of(name: str, folder: Path, packages: Mapping[str, Path]) -> Path | No
     else:
         path = Path(rest) if scheme == "file" else folder / rest if not scheme else None
     return path if path is not None and path.is_file() else None
+
+
+def parts_of(description: Path, packages: Mapping[str, Path]) -> tuple[Path, ...]:
+    """Return the files whose models a description adds: those that a .dmd.yaml names, each once, or it itself.
+
+    Args:
+        description: the file.
+        packages: folders by package name.
+    """
+    found: dict[Path, None] = {}
+
+    def read(path: Path) -> None:
+        if path in found:
+            return
+        found[path] = None
+        for _, place in named_in(path, packages):
+            read(place)
+
+    read(description)
+    kept = tuple(path for path in found if path.suffix.lower() not in DIRECTIVES)
+    return kept or (description,)
+
+
+def named_in(path: Path, packages: Mapping[str, Path]) -> list[tuple[str, Path]]:
+    """Return the files that directives add models from, as they are written and where they are; of others none.
+
+    Args:
+        path: of the directives.
+        packages: folders by package name.
+    """
+    if path.suffix.lower() not in DIRECTIVES or not path.is_file():
+        return []
+    try:
+        directives = LoadModelDirectives(str(path)).directives
+    except RuntimeError:  # which the parser says better
+        return []
+    names = [each.file for one in directives if (each := one.add_model or one.add_directives) is not None]
+    places = ((name, place_of(name, path.parent, packages)) for name in names)
+    return [(name, place) for name, place in places if place is not None]

@@ -9,15 +9,21 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 from xml.etree.ElementTree import Element
 
 from twin_diagram.errors import ModelError
 
+T = TypeVar("T")
 _PREFIX = re.compile(rb"(?<=[<\s/])(\w+):(?=\w[\w.-]*[\s=>/])")
 """`drake:` and its like in names of elements and attributes."""
+_MIMIC = re.compile(r"(?:\{.*\}|\w+_)?mimic")
+"""With a namespace that is declared, or one that `_root` made part of the name."""
+_HOW_IT_FOLLOWS = {"multiplier": "1", "offset": "0", "reference": "0"}
+"""What is said of a joint that follows: attributes, or SDF's elements; and what counts where they are missing."""
 
 
 @dataclass(frozen=True)
@@ -33,32 +39,49 @@ class StatedDynamics:
     springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
-def stated_dynamics(path: Path, joints: Sequence[str]) -> StatedDynamics:
+def of_all(read: Callable[[Path], Mapping[str, T]], parts: Sequence[Path]) -> dict[str, T]:
+    """Return what is read of all files of a description, by joint; of two of one name, what the first file says.
+
+    Args:
+        read: `armatures`, `following` or `effort_limits`.
+        parts: the files, see `named_files.parts_of`.
+
+    Raises:
+        ModelError: a number that cannot be read.
+    """
+    return {name: value for part in reversed(parts) for name, value in read(part).items()}
+
+
+def stated_dynamics(parts: Sequence[Path], joints: Sequence[str]) -> StatedDynamics:
     """Return the friction and springs of an arm's joints that its description states.
 
     Args:
-        path: URDF, SDF or MJCF; others state none here.
+        parts: its files: URDF, SDF or MJCF; others state none here.
         joints: the arm's.
 
     Raises:
         ModelError: a number that cannot be read.
     """
-    suffix = path.suffix.lower()
-    if suffix not in (".urdf", ".sdf", ".xml"):
-        return StatedDynamics()
-    root = _root(path)
-    try:
-        if suffix == ".xml":
-            found = {name: values[:3] for name, values in _mjcf(root, path.parent)}
-        else:
-            found = {name: (friction, 0.0, 0.0) for name, friction in _urdf_or_sdf(root)}
-    except ValueError as error:
-        raise ModelError(f"{path}: joint: {error}") from error
+    found = of_all(_stated, parts)
     own = {joint: found[joint] for joint in joints if joint in found}
     return StatedDynamics(
         {joint: friction for joint, (friction, _, _) in own.items() if friction > 0.0},
         {joint: (stiffness, rest) for joint, (_, stiffness, rest) in own.items() if stiffness > 0.0},
     )
+
+
+def _stated(path: Path) -> dict[str, tuple[float, float, float]]:
+    """Return friction, stiffness and position at rest of a file's joints."""
+    suffix = path.suffix.lower()
+    if suffix not in (".urdf", ".sdf", ".xml"):
+        return {}
+    root = _root(path)
+    try:
+        if suffix == ".xml":
+            return {name: values[:3] for name, values in _mjcf(root, path.parent)}
+        return {name: (friction, 0.0, 0.0) for name, friction in _urdf_or_sdf(root)}
+    except ValueError as error:
+        raise ModelError(f"{path}: joint: {error}") from error
 
 
 def armatures(path: Path) -> dict[str, float]:
@@ -85,23 +108,48 @@ class Following:
 
 
 def following(path: Path) -> dict[str, Following]:
-    """Return the joints of a URDF that follow another one, by name; fixed ones do not.
+    """Return the joints of a URDF, SDF or MJCF that follow another one, by name; fixed ones do not.
+
+    Of two joints that an MJCF holds equal in proportion, the one without a motor follows. An SDF says it in its own
+    words, which Drake passes over, or in Drake's.
 
     Raises:
         ModelError: a number that cannot be read.
     """
-    if path.suffix.lower() != ".urdf":
+    if path.suffix.lower() == ".xml":
+        return _held_equal(path)
+    if path.suffix.lower() not in (".urdf", ".sdf"):
         return {}
     found = {}
     for joint in _root(path).iter("joint"):
-        mimic = joint.find("mimic")
+        mimic = next((each for each in joint.iter() if _MIMIC.fullmatch(each.tag)), None)
         if mimic is None or joint.get("type") == "fixed":
             continue
+        words = [mimic.get(key) or mimic.findtext(key) or usual for key, usual in _HOW_IT_FOLLOWS.items()]
         try:
-            numbers = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+            multiplier, offset, reference = map(float, words)
         except ValueError as error:
             raise ModelError(f"{path}: mimic of joint {joint.get('name', '')!r}: {error}") from error
-        found[joint.get("name", "")] = Following(mimic.get("joint", ""), *numbers)
+        leader = mimic.get("joint", "").rpartition("::")[2]
+        found[joint.get("name", "")] = Following(leader, multiplier, offset - multiplier * reference)
+    return found
+
+
+def _held_equal(path: Path) -> dict[str, Following]:
+    """Return `following` of an MJCF: what its ``<equality>`` says of joints, which Drake passes over."""
+    root, found = tree(path), {}
+    driven = {motor.get("joint") for actuator in root.iter("actuator") for motor in actuator}
+    for joint in (joint for equality in root.findall("equality") for joint in equality.findall("joint")):
+        name, leader = joint.get("joint1", ""), joint.get("joint2", "")
+        try:
+            offset, multiplier, *bends = map(float, joint.get("polycoef", "0 1 0 0 0").split())
+        except ValueError as error:
+            raise ModelError(f"{path}: equality of joint {name!r}: polycoef: {error}") from error
+        if not leader or any(bends) or joint.get("active") == "false":
+            continue
+        if name in driven and leader not in driven and multiplier != 0.0:
+            name, leader, multiplier, offset = leader, name, 1.0 / multiplier, -offset / multiplier
+        found[name] = Following(leader, multiplier, offset)
     return found
 
 

@@ -24,6 +24,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.model.description.add_arm import add_arm
+from twin_diagram.model.description.followers import Followers
 from twin_diagram.perception.segmentation.robot_kernels import within_spheres
 from twin_diagram.scenario import ArmModel
 from twin_diagram.signals.arrays import Array
@@ -80,6 +81,7 @@ class RobotShape:
         self._finger_index = np.array(
             [plant.get_joint(i).position_start() for i in placed.gripper_joint_indices], dtype=int
         )
+        self._followers = Followers.of(plant, placed)
         for index in placed.gripper_joint_indices:
             joint = plant.get_joint(index)
             low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
@@ -121,6 +123,7 @@ class RobotShape:
         positions[self._position_index] = q
         if fingers is not None:
             positions[self._finger_index] = fingers
+        self._followers.follow(positions)
         self._plant.SetPositions(self._scratch, positions)
         poses = self._plant.get_body_poses_output_port().Eval(self._scratch)
         p_WG = np.empty((len(self._parts), 3))

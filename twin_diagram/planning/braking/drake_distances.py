@@ -36,6 +36,7 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.description.fixtures import add_fixture
+from twin_diagram.model.description.followers import Followers
 from twin_diagram.planning.braking.stop_check import Nearness
 from twin_diagram.planning.collision.geometry_to_solids import points_of
 from twin_diagram.signals.arrays import Array
@@ -139,6 +140,7 @@ class DrakeDistances:
         fingers = [self._plant.get_joint(index) for index in self._arm.gripper_joint_indices]
         self._finger_index: Final = np.array([joint.position_start() for joint in fingers], dtype=int)
         self.finger_count: Final = len(fingers)
+        self._followers: Final = Followers.of(self._plant, self._arm)
         self._hung: list[tuple[int, list[GeometryId]]] = [(0, []) for _ in range(count)]
         self._filtered: tuple[int, bool] | None = None
         self._held, self._X_TO = ARM, np.eye(4)
@@ -245,6 +247,7 @@ class DrakeDistances:
         positions[self._q_index], velocities[self._v_index] = q, v
         if fingers is not None:
             positions[self._finger_index] = fingers
+        self._followers.follow(positions)
         self._plant.SetPositions(self._context, cast(Any, positions))
         self._plant.SetVelocities(self._context, cast(Any, velocities))
         twists = [self._plant.EvalBodySpatialVelocityInWorld(self._context, body) for body in self._moving]

@@ -1,7 +1,8 @@
 """Covers an arm with balls, from outside, so that a planned distance is never above the true one.
 
-The cover of a box or cylinder reaches at most `Tuning.overhang` beyond it (a large box's somewhat more), that of a
-capsule `Tuning.capsule_overhang`.
+The cover of a box, and of a cylinder's side, reaches at most `Tuning.overhang` beyond it (a large box's somewhat more),
+that of a capsule `Tuning.capsule_overhang`. Beyond a cylinder's flat ends it bulges by nearly its radius where that is
+short: balls as wide as it would be many there.
 """
 
 from __future__ import annotations
@@ -9,18 +10,20 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Capsule, Convex, Cylinder, GeometryId, Mesh, SceneGraph, SceneGraphInspector, Shape, Sphere
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.tree import BodyIndex, PrismaticJoint, RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.description.followers import Followers
 from twin_diagram.planning.collision.convex_solids import bounding_box
 from twin_diagram.planning.collision.geometry_to_solids import moved, points_of
 from twin_diagram.signals.arrays import Array, Ints
@@ -34,7 +37,7 @@ class Tuning:
     """
 
     overhang: float = 0.013
-    """A ball reaches no farther than this beyond a box or cylinder that it covers [m]."""
+    """A ball reaches no farther than this beyond a box, or a cylinder's side, that it covers [m]."""
 
     capsule_overhang: float = 0.004
     """Nor than this beyond a capsule, which few balls cover closely [m]."""
@@ -47,6 +50,10 @@ class Tuning:
 
     widest: float = 20.0
     """What spans more than this [m] is no link but a mesh in mm: in these a finger of 2 cm spans as much."""
+
+    turns: int = 17
+    """Places of a gripper whose joints turn at which it is looked at: at 10 cm and over 1.5 rad the way between two of
+    them leaves the line by 0.1 mm."""
 
     few_shapes: int = 6
     """Each shape of a link counts as a part of its own, but not where a link has more of them than this."""
@@ -172,30 +179,36 @@ def _skeleton(plant: MultibodyPlant, arm: description.Arm) -> Balls:
 
 
 def _link_poses(plant: MultibodyPlant, arm: description.Arm, depth: Ints) -> Callable[[RigidBody], list[Array]]:
-    """Answer, for a body, its poses in the link that carries it: one, or one for each end of the gripper's travel."""
+    """Answer, for a body, its poses in the link that carries it: one, or some from end to end of the gripper's travel.
+
+    Where all joints slide the ends are enough.
+    """
+    followers = Followers.of(plant, arm)
+    joints = [plant.get_joint(index) for index in arm.gripper_joint_indices]
+    where = [joint.position_start() for joint in joints]
+    limits = np.array([[j.position_lower_limits()[0], j.position_upper_limits()[0]] for j in joints]).reshape(-1, 2)
+    low, high = np.where(np.isfinite(limits), limits, 0.0).T
+    slide = all(isinstance(joint, PrismaticJoint) for joint in (*joints, *followers.joints))
     contexts = []
-    for end in range(2):
+    for share in np.linspace(0.0, 1.0, 2 if slide else TUNING.turns):
         context = plant.CreateDefaultContext()
-        plant.SetPositions(context, np.zeros(plant.num_positions()))
-        for index in arm.gripper_joint_indices:
-            joint = plant.get_joint(index)
-            limit = (joint.position_lower_limits(), joint.position_upper_limits())[end]
-            q = plant.GetPositions(context).copy()
-            q[joint.position_start()] = limit[0] if np.isfinite(limit[0]) else 0.0
-            plant.SetPositions(context, q)
+        q = plant.GetPositions(context).copy()
+        q[where] = low + share * (high - low)
+        followers.follow(q)
+        plant.SetPositions(context, q)
         contexts.append(context)
 
     def poses(body: RigidBody) -> list[Array]:
         k = int(depth[int(body.index())])
         link = plant.get_joint(arm.joint_indices[k - 1]).child_body()
-        both = [
+        each = [
             np.linalg.solve(
                 plant.EvalBodyPoseInWorld(context, link).GetAsMatrix4(),
                 plant.EvalBodyPoseInWorld(context, body).GetAsMatrix4(),
             )
             for context in contexts
         ]
-        return both[:1] if np.allclose(both[0], both[1], atol=1e-12) else both
+        return each[:1] if np.allclose(each, each[0], atol=1e-12) else each
 
     return poses
 
@@ -214,13 +227,13 @@ def _refuse_too_wide(inspector: SceneGraphInspector, geometry: GeometryId, whose
 def _cover(
     inspector: SceneGraphInspector, geometry: GeometryId, X_LGs: list[Array], fingers: float
 ) -> list[tuple[Array, float, int]]:
-    """Return balls (centre in L, radius, part) that hold a shape, in one pose or in all between two."""
+    """Return balls (centre in L, radius, part) that hold a shape, in one pose or in all between some."""
     shape = inspector.GetShape(geometry)
     if len(X_LGs) == 1 and isinstance(shape, (Sphere, Capsule, Cylinder)):
         balls = _round_cover(shape)
         X_LG = X_LGs[0]
         return [(X_LG[:3, :3] @ c + X_LG[:3, 3], r, 0) for c, r in balls]
-    # A box about the shape, in the axes it has at the first end, around where it is at both.
+    # A box about the shape, in the axes it has at the first end, around where it is in all.
     points = points_of(inspector, geometry)
     X_GL = np.linalg.inv(X_LGs[0])
     swept = np.concatenate([moved(X_GL @ X_LG, points) for X_LG in X_LGs])
@@ -256,12 +269,11 @@ def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
     at most: the cover of a large box reaches farther beyond it. `part` numbers the pieces along the longest edge.
     """
     size = np.asarray(size, dtype=float)
-    counts = np.array(list(product(range(1, 13), repeat=3)))
+    counts = _grids()
     cells = size / counts
     beyond = np.linalg.norm(cells, axis=1) / 2 - cells.min(axis=1) / 2
-    total = counts.prod(axis=1)
     # Fewest cells where the overhang is kept, else the smallest overhang that the number of cells allows.
-    best = np.lexsort((beyond, total, np.where(beyond <= overhang, 0, beyond), total > TUNING.most_cells))[0]
+    best = np.lexsort((beyond, counts.prod(axis=1), np.where(beyond <= overhang, 0, beyond)))[0]
     counts = counts[best]
     cell = size / counts
     radius = float(np.linalg.norm(cell) / 2)
@@ -271,6 +283,16 @@ def box_cover(size: Array, overhang: float) -> list[tuple[Array, float, int]]:
         ((np.array(index) + 0.5) * cell - size / 2, radius, index[longest] * parts // counts[longest])
         for index in product(*map(range, counts))
     ]
+
+
+@cache
+def _grids() -> Ints:
+    """Return (C, 3) cells along each edge, in all ways of at most `Tuning.most_cells` cells."""
+    each = range(1, TUNING.most_cells + 1)
+    grids = [
+        (x, y, z) for x in each for y in each[: TUNING.most_cells // x] for z in each[: TUNING.most_cells // x // y]
+    ]
+    return np.array(grids)
 
 
 def _not_swallowed(centres: Array, radii: Array, links: Array) -> list[int]:

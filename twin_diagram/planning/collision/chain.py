@@ -84,7 +84,9 @@ class Chain:
                 elsewhere.
         """
         context = plant.CreateDefaultContext()
-        plant.SetPositions(context, np.zeros(plant.num_positions()))
+        q = plant.GetPositions(context).copy()  # joints outside the arm stand as described
+        q[[plant.get_joint(index).position_start() for index in joints]] = 0.0
+        plant.SetPositions(context, q)
         n = len(joints)
         identity = np.eye(4)
         zero = np.zeros((n, 4, 4))

@@ -301,14 +301,15 @@ class Router:
         return np.zeros((0, len(now.q))) if found is None else found
 
     def lifted(self, q: Array, height: float) -> Array:
-        """Return joint angles (n,) near `q` with the tool so much higher [m], within the range that is drawn from."""
+        """Return joint angles (n,) near `q` with the tool so much higher [m], within the joints' limits."""
         chain, up = self.scene.chain, -self.scene.chain.gravity_W
+        limits = self.scene.lower, self.scene.upper
         placement = chain.place(q[None])
         goal = chain.tool(placement)[0, :3, 3] + height * up / max(float(np.linalg.norm(up)), 1e-9)
         for _ in range(self.tuning.lift_steps):
             J = chain.tool_jacobian(placement)[0, 3:]
             off = goal - chain.tool(placement)[0, :3, 3]
-            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-3 * np.eye(3), off), *self._drawn)
+            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-3 * np.eye(3), off), *limits)
             placement = chain.place(q[None])
         return q
 

@@ -58,28 +58,32 @@ class Fingers:
         described: (g,) where the description has them, which is where they stay while no step is about them [m].
         closed: (g,) the end of their travel at which they meet [m].
         opened: (g,) the other end [m].
+        widening: (g,) by how much the opening grows with each, that of what follows it included.
     """
 
     described: Array
     closed: Array
     opened: Array
+    widening: Array | float = 1.0
 
     @staticmethod
-    def of(plant: MultibodyPlant, joints: tuple[JointIndex, ...], described: Array) -> Fingers:
+    def of(
+        plant: MultibodyPlant, joints: tuple[JointIndex, ...], described: Array, widening: Array | float = 1.0
+    ) -> Fingers:
         """Return the fingers of a plant's gripper: they meet at the end of their travel that is nearer to zero."""
         fingers = [plant.get_joint(index) for index in joints]
         limits = [(joint.position_lower_limits()[0], joint.position_upper_limits()[0]) for joint in fingers]
         ends = np.array([sorted(pair, key=abs) for pair in limits], dtype=float).reshape(-1, 2)
-        return Fingers(np.array(described, dtype=float), ends[:, 0], ends[:, 1])
+        return Fingers(np.array(described, dtype=float), ends[:, 0], ends[:, 1], widening)
 
     @property
     def widest(self) -> float:
         """Greatest opening between the fingers [m]."""
-        return float(np.abs(self.opened - self.closed).sum())
+        return float((self.widening * np.abs(self.opened - self.closed)).sum())
 
     def opening(self, positions: Array) -> float:
         """Return the opening at positions (g,) [m]."""
-        return float(np.abs(positions - self.closed).sum())
+        return float((self.widening * np.abs(positions - self.closed)).sum())
 
     def at(self, share: float) -> Array:
         """Return positions (g,) [m] opened by a share of the travel; where it is negative, as described."""

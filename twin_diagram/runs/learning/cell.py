@@ -19,6 +19,7 @@ from pydrake.systems.framework import Context
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.logs.frames.view_camera import ViewCamera
+from twin_diagram.model.description.followers import Followers
 from twin_diagram.perception.alignment import Alignment
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.planning.tasks.task_system import Fingers
@@ -143,7 +144,8 @@ class Cell:
             raise ScenarioError("twin.arm.model", f"{scenario.twin.arm.model} has no gripper to take objects with")
         self._plant = self._station.world.plant
         described = np.array([finger.default_positions()[0] for finger in arm.fingers])
-        self._fingers = Fingers.of(self._plant, arm.arm.gripper_joint_indices, described)
+        widening = Followers.of(self._plant, arm.arm).widening
+        self._fingers = Fingers.of(self._plant, arm.arm.gripper_joint_indices, described, widening)
         self._gripper = gripper_of(scenario.twin.learning.gripper) if scenario.twin.learning else None
         hand = arm.fingers[0].frame_on_parent()
         self._carried = CarriedBodies(self._plant, hand, arm.joints, self._station.world.objects)

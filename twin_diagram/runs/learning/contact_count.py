@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from twin_diagram.model.description.followers import Followers
 from twin_diagram.runs.learning.cell import FREE, GRASP, RELEASE, Doing
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station import ports
@@ -127,8 +128,8 @@ class ContactCount:
         """Learn which bodies are what."""
         world, plant = station.world, station.world.plant
         arm = [int(body) for instance in world.arm.arm.instances for body in plant.GetBodyIndices(instance)]
-        hand = {int(finger.child_body().index()) for finger in world.arm.fingers}
-        hand |= {int(finger.parent_body().index()) for finger in world.arm.fingers}
+        fingers = Followers.gripping(plant, world.arm.arm)
+        hand = {int(body.index()) for finger in fingers for body in (finger.child_body(), finger.parent_body())}
         objects = {name: int(index) for name, index in world.objects.items()}
         self._parts = CellParts(frozenset(arm), frozenset(hand), frozenset(objects.values()))
         self._names = {index: plant.get_body(_index(index)).name() for index in arm}

@@ -45,7 +45,7 @@ class Tuning:
     """Tried in their place where the arm does not reach one."""
 
     turn: float = 2.95
-    """Of the last joint to both sides [rad]: nearly all of its range, 340° in all."""
+    """Of the last joint to both sides [rad]: nearly all of its range, 340° in all; less where its limits are nearer."""
 
     reach: float = 0.24
     """Farther from the finger tips than this is no part of the object [m]."""
@@ -166,16 +166,16 @@ def tool_at(learning: Learning, tilt: float) -> Array:
 
 def _posture(mover: Mover, cell: Cell, learning: Learning, tilts: tuple[float, ...]) -> Array | None:
     """Go to where the last joint's turn begins; return the joint angles there, None where no tilt is reached."""
+    ends = _ends(mover)
     for tilt in tilts:
         goals = mover.goals(tool_at(learning, tilt), cell.commanded)
         if not len(goals):
             continue
         # The turn begins at the end that is nearer; the last joint hardly changes what the arm is near to.
-        side = np.sign(cell.commanded[-1]) or 1.0
         goals = goals.copy()
-        goals[:, -1] = side * TUNING.turn
+        goals[:, -1] = ends[int(cell.commanded[-1] >= np.mean(ends))]
         turned = np.repeat(goals[:, None], 9, axis=1)
-        turned[:, :, -1] = np.linspace(-TUNING.turn, TUNING.turn, 9)
+        turned[:, :, -1] = np.linspace(*ends, 9)
         clear = mover.free(turned.reshape(-1, goals.shape[1]), 0.005).reshape(len(goals), 9).all(axis=1)
         try:
             go(cell, mover.timed(mover.path(cell.commanded, goals[clear])))
@@ -183,6 +183,11 @@ def _posture(mover: Mover, cell: Cell, learning: Learning, tilts: tuple[float, .
             continue
         return cell.commanded
     return None
+
+
+def _ends(mover: Mover) -> tuple[float, float]:
+    """Return from where to where the last joint turns [rad]: within its limits, both sides of 0 as a rule."""
+    return max(-TUNING.turn, float(mover.lower[-1])), min(TUNING.turn, float(mover.upper[-1]))
 
 
 def _turn(
@@ -196,7 +201,7 @@ def _turn(
 ) -> list[HeldPicture]:
     """Turn the last joint from one end to the other, and take pictures on the way."""
     end = q.copy()
-    end[-1] = -q[-1]
+    end[-1] = sum(_ends(mover)) - q[-1]
     took = float(abs(end[-1] - q[-1])) / learning.turn_speed
     count = max(2, int(np.ceil(took / 0.02)))
     s = np.arange(count + 1) / count

@@ -131,6 +131,7 @@ class Mover:
     Attributes:
         scene: shapes and limits.
         speed: (n,) that is used [rad/s].
+        lower, upper: (n,) between which joints are kept [rad].
     """
 
     def __init__(self, twin: Twin, packages: dict[str, str], speed_limits: Array, seed: int = 0) -> None:
@@ -140,7 +141,7 @@ class Mover:
         self.speed = TUNING.speed_share * speed_limits
         self._rng = np.random.default_rng(seed)
         bound = np.full(self.scene.chain.size, 3.05)
-        self._lower, self._upper = np.maximum(self.scene.lower, -bound), np.minimum(self.scene.upper, bound)
+        self.lower, self.upper = np.maximum(self.scene.lower, -bound), np.minimum(self.scene.upper, bound)
         self._carrying = self.scene
         self._standing: dict[str, Body] = {}
 
@@ -232,7 +233,7 @@ class Mover:
 
     def goals(self, X_WT: Array, near: Array, clearance: float = TUNING.clearance) -> Array:
         """Return (G, n) joint angles of a tool pose (4, 4) that are clear, the nearest to some first."""
-        found = inverse_kinematics.solve(self.scene.chain, X_WT, near, self._lower, self._upper, self._rng)
+        found = inverse_kinematics.solve(self.scene.chain, X_WT, near, self.lower, self.upper, self._rng)
         return found[self.free(found, clearance)] if len(found) else found
 
     def path(self, q: Array, goals: Array, clearance: float = TUNING.clearance) -> Array:
@@ -259,7 +260,7 @@ class Mover:
                 if is_free(rrt_connect.interpolate(q, goal, TUNING.resolution)).all():
                     return np.stack([q, goal])
             found = rrt_connect.plan(
-                q, goals, is_free, self._lower, self._upper, self._rng, TUNING.checks, weights=1.0 / self.speed
+                q, goals, is_free, self.lower, self.upper, self._rng, TUNING.checks, weights=1.0 / self.speed
             )
             if found is not None:
                 return found
@@ -302,7 +303,7 @@ class Mover:
             if float(np.abs(error).max()) < 1e-6:
                 break
             J = chain.tool_jacobian(placement)[0]
-            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), error), self._lower, self._upper)
+            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), error), self.lower, self.upper)
         error = inverse_kinematics.pose_error(chain.tool(chain.place(q[None])), X_WT)[0]
         if float(np.abs(error).max()) > 2e-3:
             raise NoWay("a joint's limit is in the way of a straight line of the tool")

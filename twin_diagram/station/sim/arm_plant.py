@@ -10,6 +10,7 @@ from pydrake.multibody.tree import Joint, PdControllerGains
 
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.description.followers import couple
 from twin_diagram.model.effects import Effect, add_to_plant, renewed
 from twin_diagram.scenario import Driver, Scenario
 from twin_diagram.signals.arrays import Array
@@ -108,6 +109,8 @@ def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
         arm = description.add_arm(plant, scenario.world.arm, scenario.packages)
         effects = add_to_plant(plant, arm)
         arm = renewed(plant, arm)
+        if plant.num_constraints() == 0:  # of a URDF Drake has read what follows what
+            couple(plant, arm)
     except ModelError as error:
         raise description.scenario_error("world.arm", error) from error
     joints = [plant.get_joint(index) for index in arm.joint_indices]

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from twin_diagram import scenario
 from twin_diagram.model.description.add_arm import add_arm
+from twin_diagram.model.description.followers import Followers
 from twin_diagram.perception.calibration import KnownSurface
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
 from twin_diagram.signals.arrays import Array
@@ -103,7 +104,7 @@ class ArmParts:
         joints = [plant.get_joint(index) for index in placed.joint_indices]
         self._q = np.array([joint.position_start() for joint in joints], dtype=int)
         self._v = np.array([joint.velocity_start() for joint in joints], dtype=int)
-        fingers = {int(plant.get_joint(i).child_body().index()) for i in placed.gripper_joint_indices}
+        fingers = {int(joint.child_body().index()) for joint in Followers.gripping(plant, placed)}
         root = plant.get_body(placed.base)
         parts = [body for body in other_parts(plant, root) if int(body.index()) not in fingers]
         parts += [root] if self._seen(scene_graph, root) else []

@@ -1,0 +1,43 @@
+"""How what is held is turned before the scanning camera."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from twin_diagram.runs.learning.display import NothingHeld, display
+from twin_diagram.runs.learning.motion import Mover
+from twin_diagram.scenario.file import load_scenario
+from twin_diagram.signals.arrays import Array
+
+
+class Sightless:
+    """A cell that is where it was told to go, and takes no pictures."""
+
+    def __init__(self, q: Array) -> None:
+        self.commanded, self.gone = q, [q]
+
+    def wait(self, seconds: float) -> None: ...
+
+    def follow(self, times: Array, q: Array, at: object = None) -> None:
+        self.gone += list(q)
+        self.commanded = q[-1]
+
+
+@pytest.mark.parametrize(
+    ("limits", "turned"),
+    [((-3.05, 3.05), (-2.95, 2.95)), ((-2.0, 2.0), (-2.0, 2.0)), ((-0.5, 2.5), (-0.5, 2.5))],
+    ids=["iiwa", "narrow", "to one side"],
+)
+def test_the_last_joint_is_turned_within_its_limits(limits: tuple[float, float], turned: tuple[float, float]) -> None:
+    scenario = load_scenario("bin_picking")
+    twin = scenario.twin
+    assert twin.learning is not None
+    mover, cell = Mover(twin, {}, np.full(7, 2.0)), Sightless(np.array(twin.home))
+    mover.lower[-1], mover.upper[-1] = limits
+    with pytest.raises(NothingHeld):
+        display(mover, cast(Any, cell), twin.learning, cast(Any, None), 0, (0.2,))
+    last = np.array(cell.gone)[:, -1]
+    assert (last.min(), last.max()) == pytest.approx(turned)
