@@ -56,10 +56,18 @@ class Foresight:
         """Return whether a plan (2, n), `foreseen` now, is on its way: since the last preview it moved on."""
         return bool(np.abs(foreseen[0] - self.waiting[-1, 0]).max() * RATE > SLOW)
 
-    def square(self, foreseen: Array) -> Array | None:
-        """Return the mean square (n, n) of such a preview's errors; None where none like it came due."""
-        kind = int(self.goes_on(foreseen))
-        return self.squares[kind, self.better] if self.counts[kind] else None
+    def square(self, foreseen: Array, q: Array) -> Array:
+        """Return the mean square (n, n) of the errors of such a preview made at q (n,).
+
+        Before one like it came due it may be off by the whole way. In which directions they are off is known as well as
+        there were motions, of a second each: until there are more of these than joints, mostly by their size.
+        """
+        kind, n = int(self.goes_on(foreseen)), len(q)
+        way = foreseen[self.better] - q
+        square = self.squares[kind, self.better] if self.counts[kind] else np.outer(way, way)
+        motions = min(self.counts[kind] / RATE, REMEMBERED) / AHEAD
+        even = n / (n + motions)
+        return np.asarray((1.0 - even) * square + even * np.trace(square) / n * np.eye(n))
 
     def learned(self, q: Array, foreseen: Array) -> Foresight:
         """Return it a period later: q (n,) is where the arm is, `foreseen` (2, n) joins what waits.
@@ -162,10 +170,7 @@ class Preview(LeafSystem):
         output.SetFromVector(self._foreseen(context)[self._kept(context).better])
 
     def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        kept, n, foreseen = self._kept(context), self._n, self._foreseen(context)
-        square = kept.square(foreseen)
-        if square is None:
-            way = foreseen[kept.better] - cast(Array, self._arm_in.Eval(context))[:n]
-            square = np.outer(way, way)
+        n, q = self._n, cast(Array, self._arm_in.Eval(context))[: self._n]
+        square = self._kept(context).square(self._foreseen(context), q)
         P = cast(Array, self._covariance_in.Eval(context)).reshape(self._size, self._size)
         output.SetFromVector((square + P[:n, :n]).ravel())
