@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.estimation_bench import HOME, World, simulate, twin_terms
-from twin_diagram.estimation.dynamics.link_frame import LinkFrame
+from tests.estimation_bench import World, simulate, twin_terms
 from twin_diagram.estimation.filter.ekf import Ekf
 from twin_diagram.scenario import Filter
-from twin_diagram.visualization.ellipsoids import ellipsoid, position_covariance
+from twin_diagram.visualization.ellipsoids import ellipsoid
 
 
 def test_ellipsoid_has_the_covariance():
@@ -22,18 +21,6 @@ def test_ellipsoid_has_the_covariance():
         assert np.linalg.det(R) == pytest.approx(1.0)
     _, lengths = ellipsoid(np.diag([1e-6, -1e-20, 0.0]), scale=2.0, smallest=1e-4)
     np.testing.assert_allclose(np.sort(lengths), [1e-4, 1e-4, 6e-3])
-
-
-@pytest.mark.parametrize("ahead", [0.0, 0.3])
-def test_covariance_of_the_hand_against_samples(ahead: float) -> None:
-    frame, rng = LinkFrame(twin_terms(), "panda_hand"), np.random.default_rng(1)
-    std = rng.uniform(1e-3, 3e-3, 14)
-    _, p_WF, J = frame.jacobian(HOME)
-    drawn = rng.normal(size=(4000, 14)) * std
-    points = np.array([frame.pose(HOME + x[:7] + ahead * x[7:])[1] for x in drawn])
-    covariance = position_covariance(J[3:], np.diag(std**2), ahead)
-    np.testing.assert_allclose(points.mean(axis=0), p_WF, atol=3e-4)
-    np.testing.assert_allclose(np.cov(points.T), covariance, atol=0.1 * covariance.max())
 
 
 def worst(ekf: Ekf) -> float:

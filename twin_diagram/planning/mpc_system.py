@@ -29,6 +29,7 @@ from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.warm_up import warm_up
 from twin_diagram.planning.paths.no_way import Hindrance, HindranceKind
 from twin_diagram.planning.paths.search_process import SearchProcess
+from twin_diagram.planning.preview import AHEAD
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
@@ -71,6 +72,7 @@ class Mpc(ModelUser[Model]):
         - torque_commanded
         - plan
         - plan_time
+        - position_planned
         - reach
 
     Ports:
@@ -92,6 +94,7 @@ class Mpc(ModelUser[Model]):
             a corrected model needs beyond the given one to hold still.
         plan: (knots · n) the plan's knots from now on, row by row [rad].
         plan_time: (1) when the plan was made, or last found better than any other [s]; `NEVER` before the first.
+        position_planned: (n) where the plan is `preview.AHEAD` from now [rad].
         reach: (1) how many joint positions are known that put the tool at the goal; `NEVER` where there is none.
 
     Rate: plans at `planner.rate`, a periodic update. It comes right after the scene-graph updater's tick that
@@ -167,12 +170,9 @@ class Mpc(ModelUser[Model]):
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.filter.rate, 0.0, self._latch)
         state, arm = self.discrete_state_ticket(self._state), self._arm_in.ticket()
-        self.DeclareVectorOutputPort(
-            "position_commanded",
-            n,
-            self._calc_position,
-            prerequisites_of_calc={self.time_ticket(), state, arm, self._time_in.ticket()},
-        )
+        moving = {self.time_ticket(), state, arm, self._time_in.ticket()}
+        self.DeclareVectorOutputPort("position_commanded", n, self._calc_position, prerequisites_of_calc=moving)
+        self.DeclareVectorOutputPort("position_planned", n, self._calc_planned, prerequisites_of_calc=moving)
         self.DeclareVectorOutputPort(
             "torque_commanded",
             n,
@@ -318,15 +318,20 @@ class Mpc(ModelUser[Model]):
         return payload if np.isfinite(payload).all() else np.zeros(len(PAYLOAD))
 
     def _calc_position(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._planned(context, 0.0))
+
+    def _calc_planned(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._planned(context, AHEAD))
+
+    def _planned(self, context: Context, ahead: float) -> Array:
+        """Return where the plan is (n,) so much [s] from now: before the first, where the arm is."""
         vector = self._vector(context)
         if vector[0] == NEVER and self._known(context):
             q = np.array(self._arm_in.Eval(context))[: self._n]
             if np.isfinite(q).all():
-                output.SetFromVector(q)
-                return
-        output.SetFromVector(
-            Memory.trajectory_of(vector, self._n, self._knots, self._step).position(context.get_time())
-        )
+                return q
+        trajectory = Memory.trajectory_of(vector, self._n, self._knots, self._step)
+        return trajectory.position(context.get_time() + ahead)
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         q = np.array(self._arm_in.Eval(context))[: self._n]

@@ -90,8 +90,10 @@ class Looking:
             builder.Connect(twin.diagram.GetOutputPort(name), overlay.GetInputPort(name))
         size = twin.diagram.GetOutputPort("covariance").size()
         arm = builder.AddNamedSystem("arm_overlay", ArmOverlay(meshcat, twin.scene, size, min(rate, 15.0)))
-        for name in ("arm_state", "covariance"):
+        for name in ("arm_state", "covariance", "position_previewed", "preview_covariance"):
             builder.Connect(twin.diagram.GetOutputPort(name), arm.GetInputPort(name))
+        if twin.runner is not None:
+            builder.Connect(twin.diagram.GetOutputPort("task.hand"), arm.GetInputPort("hand"))
 
     def start(self, simulator: Simulator, live: bool, say: Say) -> None:
         """Begin to record, where a page is kept; live, runs no faster than real time and says where to look."""

@@ -26,6 +26,7 @@ from twin_diagram.runs.helping_processes import helping_processes
 from twin_diagram.runs.object_watch import ObjectWatch
 from twin_diagram.runs.outputs import Keeping, Looking, Mending, Say
 from twin_diagram.runs.places import places_for
+from twin_diagram.runs.preview_watch import PreviewWatch
 from twin_diagram.runs.replayed import replay_scenario
 from twin_diagram.runs.run_folder import RunFolder
 from twin_diagram.runs.score import alarms, summarize, table
@@ -167,6 +168,7 @@ def _simulate(
     progress = Progress(duration, quiet)
     searches, goals = SearchWatch(loop.twin, leave.event), GoalWatch(loop.twin, leave.event)
     objects, brakes = ObjectWatch(loop.twin, leave.event, goals.why), BrakeWatch(loop.twin, leave.event)
+    previews = PreviewWatch(loop.twin)
     score = TaskScore(loop) if loop.twin.runner is not None and loop.scenario.station == "sim" else None
 
     def each(context: Context) -> None:
@@ -176,6 +178,7 @@ def _simulate(
         goals.poll(context)
         objects.poll(context)
         brakes.poll(context)
+        previews.poll(context)
         searches.poll(context)
         if score is not None:
             score.poll(context)
@@ -188,7 +191,7 @@ def _simulate(
         if score is not None:
             task["task"] |= score.told(context)
         goal = explained(so_far, goals.why(context.get_time()))
-        return so_far | camera_told(loop, context) | besides | task | goal
+        return so_far | camera_told(loop, context) | besides | previews.told() | task | goal
 
     if loop.scenario.station == "sim":
         trial = run_trial(loop, simulator, duration, progress, each)

@@ -1,4 +1,4 @@
-"""What the twin acts on: one goal that stays, or the steps of a task, and the gripper's commands."""
+"""What the twin acts on: one goal that stays, or the steps of a task, the gripper's commands, what comes of it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
+from twin_diagram.planning.preview import Preview
 from twin_diagram.planning.tasks.place_goals import check_places
 from twin_diagram.planning.tasks.task_system import Fingers, TaskRunner
 from twin_diagram.scenario import poses
@@ -20,7 +21,7 @@ from twin_diagram.scene.twin_scene import TwinScene
 from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.layouts import POSE_SIZE
 from twin_diagram.station import ports
-from twin_diagram.twin.own_systems import inputs_of
+from twin_diagram.twin.own_systems import connect_ports, inputs_of
 
 
 def goal_vector(task: scenario.Task) -> np.ndarray:
@@ -69,6 +70,17 @@ def connect_task(
         builder.Connect(controller.GetOutputPort("reach"), runner.GetInputPort("reach"))
     for name in ("step", "outcome", "hand", "notes"):
         builder.ExportOutput(runner.GetOutputPort(name), f"task.{name}")
+
+
+def add_preview(builder: DiagramBuilder, model: Model, ekf: System, controller: System) -> Preview:
+    """Add what foresees the arm, by the controller's plan where it has one, and show what it says."""
+    preview = builder.AddNamedSystem("preview", Preview(model, ekf.GetOutputPort("covariance").size()))
+    connect_ports(builder, ekf, preview, "arm_state", "covariance")
+    if controller.HasOutputPort("position_planned"):
+        connect_ports(builder, controller, preview, "position_planned")
+    for name in ("position_previewed", "preview_covariance"):
+        builder.ExportOutput(preview.GetOutputPort(name), name)
+    return preview
 
 
 def export_acting(

@@ -23,6 +23,7 @@ from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.model.model import Model
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.mpc_system import Mpc
+from twin_diagram.planning.preview import Preview
 from twin_diagram.planning.tasks.task_system import TaskRunner
 from twin_diagram.scenario.validation import check_twin
 from twin_diagram.scene import object_events
@@ -34,7 +35,7 @@ from twin_diagram.signals.hand import HAND_SIZE
 from twin_diagram.signals.layouts import POSE_SIZE, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
-from twin_diagram.twin.acting import add_task, connect_task, export_acting
+from twin_diagram.twin.acting import add_preview, add_task, connect_task, export_acting
 from twin_diagram.twin.added_assets import AddedAssets
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.given_files import Packages, check_fixtures, library_of, model_of, named
@@ -59,7 +60,8 @@ class TwinDiagram:
             `covariance`, `nis`, `object_poses`, `tracks`, `alarm`, `alarm_log`, `alarm_evidence`, `positions`, `plan`,
             `goal`, `query_object`, and what it lacks: `health`, a row of three for each of `health.lacks` (see
             `health.HealthMonitor`). Of what is beside the first instance of each object: `further_poses`,
-            `further_tracks`, `things`, and `object_events`.
+            `further_tracks`, `things`, and `object_events`. Where the arm will be: `position_previewed`,
+            `preview_covariance`.
         model: the arm's physics in true joint angles, as all within the twin takes it.
         measured_model: the same as logs show it: with the offsets that encoders are known to have; see `true_angles`.
         library: the known objects, in order.
@@ -67,6 +69,7 @@ class TwinDiagram:
         parameter_names: of `parameters`, in order.
         mass_index: of the payload's mass in `parameters`; None where none is learned.
         fused: sensors that the filter fuses besides the arm's own.
+        preview: foresees the arm.
         ekf, drift, mpc: the systems that use the model; a corrected one reaches them as `ModelUser` says. `mpc` is None
             where a controller of the user's own stands in its place.
         health: the system that says what the twin lacks.
@@ -90,6 +93,7 @@ class TwinDiagram:
     health: HealthMonitor
     runner: TaskRunner | None
     monitor: StopMonitor | None
+    preview: Preview
     added: AddedAssets
     door: Door | None = None
 
@@ -135,8 +139,8 @@ class TwinDiagram:
             system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
         change = np.zeros(0) if self.door is None else self.door.move(context, number)
         if change.any():
-            users: tuple[AdaptiveEkf | Mpc | StopMonitor | None, ...] = self.ekf, self.mpc, self.monitor
-            for user in users:
+            users: list[AdaptiveEkf | Mpc | StopMonitor | Preview | None] = [self.ekf, self.mpc, self.monitor]
+            for user in [*users, self.preview]:
                 if user is not None:
                     user.recount(self.diagram.GetMutableSubsystemContext(user, context), change)
 
@@ -255,7 +259,8 @@ def make_twin(
     goal, runner = add_task(builder, twin, packages, model, library, scene)
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
     monitor = named("twin", lambda: add_stop_monitor(builder, twin, model, library, packages))
-    _take_measurements(builder, offset, ekf, *filter(None, (drift, moves, health, runner, monitor)))
+    preview = add_preview(builder, model, ekf, moves)
+    _take_measurements(builder, offset, ekf, *filter(None, (drift, moves, health, runner, monitor, preview)))
     connect_task(builder, runner, ekf, updater, moves)
     further = ["sensor_tracks"] if fused else []
     _connect(builder, ekf, drift, "arm_state", "parameters", "innovation", "nis", *further)
@@ -275,7 +280,7 @@ def make_twin(
     added = AddedAssets(scene, sight, (mpc, monitor))
     diagram = _built(builder)
     door = None if offset is None else Door(diagram, offset)
-    return TwinDiagram(diagram, *known, ekf, drift, mpc, health, runner, monitor, added, door)
+    return TwinDiagram(diagram, *known, ekf, drift, mpc, health, runner, monitor, preview, added, door)
 
 
 def _through_door(measured_model: Model, *, mends: bool) -> tuple[Model, Array | None]:
@@ -318,7 +323,7 @@ def _check_controller(system: System, n: int, objects: int, parameters: int, slo
     arm = dict.fromkeys(("position_measured", "velocity_estimated", "torque_measured"), n)
     inputs = {"arm_state": 2 * n, "tracks": TRACK_SIZE * objects, "parameters": parameters, "goal": POSE_SIZE}
     inputs |= beside
-    further = {"torque_commanded": n, "reach": 1, "plan_time": 1}
+    further = {"torque_commanded": n, "reach": 1, "plan_time": 1, "position_planned": n}
     check("controller", system, {**inputs, **arm, "measurement_time": 1}, {"position_commanded": n}, further)
 
 

@@ -1,4 +1,4 @@
-"""The arm as it will be, and how sure the twin is of its hand: a ghost and ellipsoids in Meshcat."""
+"""The arm as it will be with what it holds, and how sure the twin is of both: ghosts and ellipsoids in Meshcat."""
 
 from __future__ import annotations
 
@@ -6,32 +6,32 @@ from typing import Any, Final, cast
 
 import numpy as np
 from pydrake.geometry import Meshcat, Rgba, Role, Sphere
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from twin_diagram.scene.twin_scene import TwinScene
 from twin_diagram.signals.arrays import Array
-from twin_diagram.visualization.ellipsoids import ellipsoid, position_covariance
+from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
+from twin_diagram.signals.rotations import matrix, normalized
+from twin_diagram.visualization.ellipsoids import ellipsoid
 
 PATH: Final = "arm_overlay"
 """Where meshcat's tree holds it."""
-AHEAD: Final = 0.25
-"""How far the ghost is ahead [s]."""
 MAGNIFIED: Final = 20.0
-"""By how much the ellipsoids are: encoders know the hand to some hundredths of a millimetre."""
+"""By how much the present ellipsoid is: encoders know the hand to some hundredths of a millimetre."""
 GHOST: Final = Rgba(0.55, 0.20, 0.85, 0.30)
 """Violet, and clear enough to see the arm through it."""
 NOW: Final = Rgba(0.95, 0.55, 0.05, 0.6)
 """Orange: the hand's covariance at present."""
 THEN: Final = Rgba(0.55, 0.20, 0.85, 0.6)
-"""The ghost's violet: the hand's covariance `AHEAD`."""
+"""The ghost's violet: the covariance of what is foreseen."""
 LEAST: Final = 0.01
 """A ghost that is nearer to the arm than this in every joint is not shown [rad or m]."""
 
 
 class ArmOverlay(LeafSystem):
-    """Draws the arm `AHEAD` from now and the hand's covariance, now and then.
+    """Draws the arm and what it holds as they are foreseen, and the hand's covariance, now and then.
 
     .. pydrake_system::
 
@@ -39,14 +39,20 @@ class ArmOverlay(LeafSystem):
         input_ports:
         - arm_state
         - covariance
+        - position_previewed
+        - preview_covariance
+        - hand (optional)
 
     Ports:
         arm_state: (2n) x̂ = [q, v] [rad, rad/s].
         covariance: ((2n + p)²) of [q, v, θ], row by row.
+        position_previewed: (n) as `Preview` foresees it [rad].
+        preview_covariance: (n²) of that, row by row.
+        hand: (HAND_SIZE) what is held, which goes with the arm; see `signals.hand`.
 
-    Rate: that of the drawing [1/s]. Everything is recorded while meshcat records. The ghost is the arm moved on at the
-    speed that it has, within its joints' limits; no plan and no command goes into it. An ellipsoid spans three standard
-    deviations of the tool frame's origin, magnified by `MAGNIFIED`.
+    Rate: that of the drawing [1/s]. Everything is recorded while meshcat records. An ellipsoid spans three standard
+    deviations: orange of the tool frame's origin now, magnified by `MAGNIFIED`; violet, in its true size, of that
+    origin as foreseen, or of what is held.
     """
 
     def __init__(self, meshcat: Meshcat, scene: TwinScene, covariance_size: int, rate: float = 15.0) -> None:
@@ -54,7 +60,7 @@ class ArmOverlay(LeafSystem):
 
         Args:
             meshcat: the server.
-            scene: gives the arm's shapes and kinematics.
+            scene: gives the arm's shapes and kinematics, and the objects' shapes.
             covariance_size: of the port `covariance`.
             rate: drawings per second.
         """
@@ -67,58 +73,82 @@ class ArmOverlay(LeafSystem):
         joints = [plant.get_joint(index) for index in scene.arm.joint_indices]
         n = len(joints)
         self._velocity_index = np.array([joint.velocity_start() for joint in joints], dtype=int)
-        self._lower = np.array([joint.position_lower_limits()[0] for joint in joints])
-        self._upper = np.array([joint.position_upper_limits()[0] for joint in joints])
         moved = plant.GetBodiesKinematicallyAffectedBy([scene.arm.joint_indices[0]])
         own = {int(index) for instance in scene.arm.instances for index in plant.GetBodyIndices(instance)}
         self._bodies = [plant.get_body(index) for index in moved if int(index) in own]
         self._size = round(np.sqrt(covariance_size))
         self._state_in = self.DeclareVectorInputPort("arm_state", 2 * n)
         self._covariance_in = self.DeclareVectorInputPort("covariance", covariance_size)
+        self._previewed_in = self.DeclareVectorInputPort("position_previewed", n)
+        self._unsure_in = self.DeclareVectorInputPort("preview_covariance", n * n)
+        self._hand_in = self.DeclareVectorInputPort("hand", HAND_SIZE)
         self.DeclareInitializationPublishEvent(self._register)
         self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._draw)
 
     def _register(self, context: Context) -> EventStatus:
         """Make the shapes once per run: afterwards they only move and change their size, which is recorded."""
         self._meshcat.Delete(PATH)
+        plant = self._scene.plant
+        shown = {f"ghost/{body.name()}": body for body in self._bodies}
+        for name in self._scene.object_names:
+            shown[f"held/{name}"] = plant.GetBodyByName("object", plant.GetModelInstanceByName(name))
         inspector = self._scene.scene_graph.model_inspector()
-        for body in self._bodies:
-            frame = self._scene.plant.GetBodyFrameIdOrThrow(body.index())
+        for path, body in shown.items():
+            frame = plant.GetBodyFrameIdOrThrow(body.index())
             for k, geometry in enumerate(inspector.GetGeometries(frame, Role.kIllustration)):
-                path = f"{PATH}/ghost/{body.name()}/{k}"
-                self._meshcat.SetObject(path, inspector.GetShape(geometry), GHOST)
-                self._meshcat.SetTransform(path, inspector.GetPoseInFrame(geometry))
+                self._meshcat.SetObject(f"{PATH}/{path}/{k}", inspector.GetShape(geometry), GHOST)
+                self._meshcat.SetTransform(f"{PATH}/{path}/{k}", inspector.GetPoseInFrame(geometry))
         for name, colour in (("now", NOW), ("then", THEN)):
             self._meshcat.SetObject(f"{PATH}/{name}/sphere", Sphere(1.0), colour)
         return self._draw(context)
 
     def _draw(self, context: Context) -> EventStatus:
         time = context.get_time()
-        q, v = cast(Array, self._state_in.Eval(context)).reshape(2, -1)
-        P = cast(Array, self._covariance_in.Eval(context)).reshape(self._size, self._size)
-        q_then = np.clip(q + AHEAD * v, self._lower, self._upper)
-        self._draw_hand("now", q, P, 0.0, time)
-        self._draw_hand("then", q_then, P, AHEAD, time)
+        q, _ = cast(Array, self._state_in.Eval(context)).reshape(2, -1)
+        n = len(q)
+        P = cast(Array, self._covariance_in.Eval(context)).reshape(self._size, self._size)[:n, :n]
+        q_then = np.array(self._previewed_in.Eval(context))
+        hand = Hand.unpack(np.array(self._hand_in.Eval(context))) if self._hand_in.HasValue(context) else Hand()
+        self._place(q)
+        self._draw_ellipsoid("now", P, np.zeros(3), np.zeros((3, 3)), MAGNIFIED, time)
+        self._place(q_then)
+        held = hand.held != NOTHING
+        hand = hand if held else Hand()
+        X_TO = RigidTransform(RotationMatrix(matrix(normalized(hand.X_TO[:4]))), hand.X_TO[4:])
+        S = cast(Array, self._unsure_in.Eval(context)).reshape(n, n)
+        self._draw_ellipsoid("then", S, X_TO.translation(), hand.covariance[3:, 3:], 1.0, time)
         apart = bool(np.abs(q_then - q).max() > LEAST)
         self._meshcat.SetProperty(f"{PATH}/ghost", "visible", apart, time)
         self._meshcat.SetProperty(f"{PATH}/then", "visible", apart, time)
-        if apart:  # the kinematics are those of `then`
-            for body in self._bodies:
-                self._meshcat.SetTransform(f"{PATH}/ghost/{body.name()}", self._pose(body), time)
+        for k, name in enumerate(self._scene.object_names):
+            self._meshcat.SetProperty(f"{PATH}/held/{name}", "visible", apart and hand.held == k, time)
+        if not apart:
+            return EventStatus.Succeeded()
+        for body in self._bodies:
+            pose = cast(RigidTransform, self._scene.plant.EvalBodyPoseInWorld(self._kinematics, body))
+            self._meshcat.SetTransform(f"{PATH}/ghost/{body.name()}", pose, time)
+        if held:
+            X_WO = self._tool().CalcPoseInWorld(self._kinematics).multiply(X_TO)
+            self._meshcat.SetTransform(f"{PATH}/held/{self._scene.object_names[hand.held]}", X_WO, time)
         return EventStatus.Succeeded()
 
-    def _pose(self, body: Any) -> RigidTransform:
-        return cast(RigidTransform, self._scene.plant.EvalBodyPoseInWorld(self._kinematics, body))
+    def _tool(self) -> Any:
+        return self._scene.plant.get_frame(self._scene.arm.tool_frame)
 
-    def _draw_hand(self, name: str, q: Array, P: Array, ahead: float, time: float) -> None:
-        plant, positions = self._scene.plant, self._scene.default_positions.copy()
+    def _place(self, q: Array) -> None:
+        """Put the kinematics' arm at `q` (n,) [rad]."""
+        positions = self._scene.default_positions.copy()
         positions[self._scene.arm_position_index] = q
-        plant.SetPositions(self._kinematics, cast(Any, positions))
-        tool, world = plant.get_frame(self._scene.arm.tool_frame), plant.world_frame()
+        self._scene.plant.SetPositions(self._kinematics, cast(Any, positions))
+
+    def _draw_ellipsoid(self, name: str, P: Array, p_TO: Array, own: Array, scale: float, time: float) -> None:
+        """Draw how sure a point p_TO (3,) of the hand is [m], by P (n, n) of q and what is `own` to it, (3, 3) in T."""
+        plant, tool = self._scene.plant, self._tool()
         J = plant.CalcJacobianTranslationalVelocity(
-            self._kinematics, JacobianWrtVariable.kV, tool, np.zeros((3, 1)), world, world
+            self._kinematics, JacobianWrtVariable.kV, tool, p_TO.reshape(3, 1), plant.world_frame(), plant.world_frame()
         )[:, self._velocity_index]
-        R_WE, lengths = ellipsoid(position_covariance(J, P, ahead), scale=MAGNIFIED)
-        p_WT = tool.CalcPoseInWorld(self._kinematics).translation()
-        self._meshcat.SetTransform(f"{PATH}/{name}", RigidTransform(R_WE, p_WT), time)
+        X_WT = tool.CalcPoseInWorld(self._kinematics)
+        R_WT = X_WT.rotation().matrix()
+        R_WE, lengths = ellipsoid(J @ P @ J.T + R_WT @ own @ R_WT.T, scale=scale)
+        self._meshcat.SetTransform(f"{PATH}/{name}", RigidTransform(R_WE, X_WT.multiply(p_TO)), time)
         self._meshcat.SetProperty(f"{PATH}/{name}/sphere", "scale", lengths.tolist(), time)

@@ -31,16 +31,3 @@ def ellipsoid(
         vectors[:, 0] = -vectors[:, 0]
     lengths = deviations * scale * np.sqrt(np.maximum(values, 0.0))
     return RotationMatrix(vectors), np.maximum(lengths, smallest)
-
-
-def position_covariance(J: Array, P: Array, ahead: float = 0.0) -> Array:
-    """Return (3, 3) [m²] of a point on the arm, now or where it goes at the speed that it has.
-
-    Args:
-        J: (3, n) Jacobian of its velocity by the joints', there.
-        P: (2n, 2n) covariance of q and v.
-        ahead: [s].
-    """
-    n = J.shape[1]
-    by_state = np.hstack([J, ahead * J])
-    return np.asarray(by_state @ P[: 2 * n, : 2 * n] @ by_state.T)

@@ -86,6 +86,16 @@ def test_what_is_shorter_than_the_fingers_is_held_by_the_pads(gripper: Gripper, 
     assert found.width.min() >= edge - 1e-3 and found.width.max() <= np.sqrt(2) * edge + 1e-3
 
 
+@pytest.mark.parametrize("gripper", [PANDA_HAND, WSG50], ids=lambda one: one.name)
+@pytest.mark.parametrize("radius", [0.003, 0.004, 0.005])
+def test_a_thin_rod_is_held_across_its_middle(gripper: Gripper, radius: float) -> None:
+    """A pad that gave way by 2 mm met a pen on half of its round, so that all of it leaned out of the friction cone."""
+    found = grasps_of_mesh(cylinder_triangles(radius, 0.14), gripper, count=3)
+    assert len(found) == 3
+    assert np.abs(found.R[:, 2, 1]).max() < np.sin(0.1)  # closed across the rod, not along it
+    np.testing.assert_allclose(found.width, 2 * radius, rtol=0.02)
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_box_is_held_across_a_side_that_fits(seed: int) -> None:
     found = grasps_of_mesh(BOX, PANDA_HAND, seed)
@@ -135,6 +145,13 @@ def test_what_is_too_wide_has_no_grasps_and_says_why() -> None:
     assert found.contacts.shape == (0, 2, 3)
     assert found.R.shape == (0, 3, 3)
     assert len(grasps_of_mesh(box_triangles(0.10, 0.13, 0.14), WSG50)) > 0  # the wider hand holds as much
+
+
+def test_what_the_closed_fingers_leave_room_for_is_too_thin() -> None:
+    found = grasps_of_mesh(cylinder_triangles(0.0015, 0.14), WSG50)  # its pads stay 5 mm apart
+    assert len(found) == 0
+    assert found.why_empty().startswith("too thin (")
+    assert len(grasps_of_mesh(cylinder_triangles(0.0015, 0.14), PANDA_HAND, count=3)) == 3
 
 
 def test_what_friction_cannot_carry_has_no_grasps(cloud: tuple[Array, Array]) -> None:

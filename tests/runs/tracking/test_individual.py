@@ -54,6 +54,15 @@ def test_the_first_pose_that_images_took_back_does_not_return_when_nothing_is_se
     assert abs(rotations.log(rotations.from_matrix(R))[2]) < 1e-9
 
 
+@pytest.mark.parametrize("fits", [0.6, 0.77, 0.85, 0.9, 1.0])
+def test_what_is_hidden_is_believed_as_it_was_when_it_was_seen(fits: float) -> None:
+    """What fitted badly was believed three times as much a frame later, for being hidden."""
+    one = Individual(0, 0, object_filter.initial_filters(1)[0])
+    seen = one.believed(True, fits, 1.0, FRAME)
+    hidden = one.believed(False, 0.0, 0.0, 1e-9)
+    assert hidden == pytest.approx(seen, rel=1e-6)
+
+
 def test_what_moves_goes_on_for_a_while_only() -> None:
     filter_, _ = _watched([0.0], 0.02)
     filter_[object_filter.FilterLayout.MODE] = object_filter.Mode.MOVING

@@ -27,6 +27,12 @@ class Tuning:
     patch: float = 0.002
     """How deep a pad gives way: points that much behind the first one touch it, too. Pads are 6 mm of rubber."""
 
+    round_share: float = 0.1
+    """Of a thing's width, no more than this: so deep a round one has its normals within 37 degrees of the pad's."""
+
+    patch_least: float = 0.0005
+    """How deep a pad gives way at least: clouds of thin things are no finer."""
+
     held: float = 0.25
     """Share of the pads' length that an object shorter than the fingers is to have between them, or it is gone past."""
 
@@ -206,10 +212,11 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
     n_y = along.reshape(-1).take(pad.pose * len(normals) + pad.point).astype(float)
     count = pad.total(np.ones(len(y)))
     edge, normal, contact, first = [], [], [], np.zeros(inner.poses, dtype=bool)
-    for sign in (1.0, -1.0):
-        furthest = pad.most(sign * y)
+    reach = [pad.most(sign * y) for sign in (1.0, -1.0)]
+    patch = np.clip(TUNING.round_share * (reach[0] + reach[1]), TUNING.patch_least, TUNING.patch)
+    for sign, furthest in zip((1.0, -1.0), reach, strict=True):
         first |= beside.most(sign * y_beside) - gripper.root_setback > furthest
-        at = np.flatnonzero(sign * y >= furthest.take(pad.pose) - TUNING.patch)
+        at = np.flatnonzero(sign * y >= (furthest - patch).take(pad.pose))
         touched = Slab(pad.poses, pad.pose[at], pad.point[at], pad.q[:, at])
         # By what the pad sees of it: a side that it does not see is not pressed. All alike where none is seen.
         weight = np.maximum(sign * n_y[at], 1e-6)

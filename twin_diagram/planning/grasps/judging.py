@@ -32,6 +32,7 @@ REASONS: Final = (
     "",
     "nothing between the fingers",
     "too wide",
+    "too thin",
     "in collision",
     "into the table",
     "met beside the pads",
@@ -215,7 +216,8 @@ def _held(
         ("outside of the friction cone", ~(seen | hidden).all(axis=1) | ~lean),
         ("met beside the pads", closing.roots_first),
         ("too wide", (closing.width > gripper.opening_most - 2 * CLOSING.beside) | ~room),
-        ("nothing between the fingers", (closing.count == 0) | (closing.width < gripper.opening_least)),
+        ("too thin", closing.width < gripper.opening_least),
+        ("nothing between the fingers", closing.count == 0),
     ):
         code[wrong] = _CODE[reason]
     return code, seen

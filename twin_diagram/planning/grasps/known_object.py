@@ -72,7 +72,7 @@ def read_known(source: str | Path, unit: str = "m", mass: float | None = None) -
     """Read an asset's folder or a mesh's file.
 
     Args:
-        source: a folder with an asset.yaml; .obj, .stl (z upwards), .glb or .gltf (y upwards, turned).
+        source: a folder with an asset.yaml; .obj, .stl, .ply (z upwards), .glb or .gltf (y upwards, turned), .dae.
         unit: of a mesh: m, cm, mm or in.
         mass: [kg], in place of an asset's own.
 

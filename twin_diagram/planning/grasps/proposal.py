@@ -112,7 +112,7 @@ class Grasps:
             return "" if len(self) else "nothing was tried"
         # What is told first is what stood in the way of candidates that were right in all else.
         weight = {"in collision": 1, "outside of the friction cone": 2, "met beside the pads": 2, "too wide": 3}
-        weight |= {"into the table": 3, "both contacts hidden": 4, "too heavy": 5, "out of reach": 6}
+        weight |= {"too thin": 3, "into the table": 3, "both contacts hidden": 4, "too heavy": 5, "out of reach": 6}
         every = sorted(self.reasons.items(), key=lambda one: (weight.get(one[0], 0), one[1]), reverse=True)
         return ", ".join(f"{reason} ({count} candidates)" for reason, count in every)
 

@@ -82,8 +82,9 @@ class Individual:
         """
         if found:
             rarer = (shape - TUNING.even) / TUNING.doubt
-            self.odds = np.log(2.0) + rarer
-            return float(1.0 - 0.5 * np.exp(-rarer) if rarer > 0.0 else 0.5 * np.exp(rarer))
+            there = float(1.0 - 0.5 * np.exp(-rarer) if rarer > 0.0 else 0.5 * np.exp(rarer))
+            self.odds = float(np.log(there / (1.0 - there)))
+            return there
         missed = TUNING.missed_aloft if aloft else TUNING.missed
         forgotten = TUNING.forgotten_aloft if aloft else TUNING.forgotten
         self.odds -= since * (missed * whole * (1.0 - shape) + max(self.odds, 0.0) / forgotten)
