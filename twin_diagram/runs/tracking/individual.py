@@ -61,6 +61,7 @@ class Individual:
         odds: logarithm of the odds that it is there and what it is named.
         rivals: what it may be mistaken for, as X_OO' (turn, shift) and probability, from when it was found.
         followed: whether the frame before showed it.
+        posed: probability of its pose among those that the last frame that showed it allows.
     """
 
     track: int
@@ -69,6 +70,7 @@ class Individual:
     odds: float = 0.0
     rivals: tuple[tuple[Array, Array, float], ...] = ()
     followed: bool = False
+    posed: float = 1.0
 
     def believed(self, found: bool, shape: float, whole: float, since: float, aloft: bool = False) -> float:
         """Return how probable it is after a frame, of which `whole` could be seen, and of that `shape` fits.
