@@ -84,7 +84,6 @@ class TrackedObject:
         named: probability of its name.
         by_shape: shape alone tells it.
         symmetric: no turn about O's z axis is told.
-        there: probability that it is there and the one that is named, whichever the pose.
     """
 
     track: int
@@ -101,7 +100,6 @@ class TrackedObject:
     named: float = 0.0
     by_shape: bool = False
     symmetric: bool = False
-    there: float = 0.0
 
 
 class ObjectTracker:
@@ -292,20 +290,17 @@ class ObjectTracker:
             usual = slot.alike if found is not None else 0.0
             fits = min(shape, float(fit.likeness[0]) / (BELIEF.alike * usual)) if usual > 0.0 else shape
             there = one.believed(found is not None, fits, whole, since, slot.aloft)
-            sure = there * slot.named.probability
             if shown.hypotheses:
                 one.posed = share_of_first(shown.hypotheses, self._symmetries(one))
-            posed = min(one.posed, probability(slot.odds))
+            sure = there * slot.named.probability * min(one.posed, probability(slot.odds))
             life = ObjectStatus(int(status[k])).name.lower()
             if found is None and there < 0.5:
                 life = ObjectStatus.LOST.name.lower()
             visible = whole if found is not None else whole * shape
             only = shown.hypotheses or (PoseHypothesis(R, p, shown.spread, 1.0),)
             name = self.names[one.asset]
-            how = (found is not None, slot.named.probability, slot.by_shape, bool(axes[k, 2]), sure)
-            result.append(
-                TrackedObject(one.track, name, life, sure * posed, visible, R, p, shown.spread, only, (), *how)
-            )
+            how = (found is not None, slot.named.probability, slot.by_shape, bool(axes[k, 2]))
+            result.append(TrackedObject(one.track, name, life, sure, visible, R, p, shown.spread, only, (), *how))
         return result
 
     def _settled(self, one: Individual, measured: PoseMeasurement, segments: Segments, frame: Frame) -> PoseShown:

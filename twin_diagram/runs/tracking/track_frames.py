@@ -270,7 +270,7 @@ def _row(
 
 
 def _hypothesis(one: PoseHypothesis, base: TableFrame, probability: float) -> dict[str, Any]:
-    """Return a pose that a frame allows, in W; `probability`: that the object is there."""
+    """Return a pose that a frame allows, in W; `probability` is that of the object."""
     R, p = base.R_WT @ one.R, base.R_WT @ one.p + base.p_WT
     return {"p_WO": p.tolist(), "q_WO": to_quaternion(R).tolist(), "probability": probability * one.probability}
 
@@ -303,7 +303,7 @@ def _line(
                 "free": [[0.0, 0.0, 1.0]] if one.symmetric else [],
                 "named": one.named,
                 "by_shape": one.by_shape,
-                "hypotheses": [_hypothesis(other, base, one.there) for other in one.hypotheses],
+                "hypotheses": [_hypothesis(other, base, one.probability) for other in one.hypotheses],
                 "pieces": [(piece @ base.R_WT.T + base.p_WT).tolist() for piece in one.pieces],
             }
         )
