@@ -9,6 +9,7 @@ import trimesh
 
 from twin_diagram.assets import symmetry
 from twin_diagram.errors import AssetError
+from twin_diagram.signals import rotations
 
 Array = npt.NDArray[np.float64]
 CAN = trimesh.creation.cylinder(0.034, 0.1, sections=96)
@@ -68,3 +69,16 @@ def test_what_is_told_is_read_or_refused() -> None:
     for wrong in ("z", "z 1", "w 2", "z -2", "z 4.5", "z 0", "zz 2", "", "x 999"):
         with pytest.raises(AssetError, match=r"^here: symmetries holds"):
             symmetry.parsed([wrong], "here")
+
+
+def test_turns_differ_up_to_symmetries() -> None:
+    turn = rotations.matrix(rotations.exp(np.array([0.3, -0.2, 0.9])))
+    about = rotations.matrix(rotations.exp(np.array([[0.0, 0.0, 0.4], [0.0, 0.0, np.pi / 2], [np.pi, 0.0, 0.0]])))
+    others = turn @ about
+    assert np.allclose(symmetry.apart(turn, others, ()), [0.4, np.pi / 2, np.pi])
+    assert np.allclose(symmetry.apart(turn, others, ((2, 4),)), [0.4, 0.0, np.pi], atol=1e-6)
+    assert np.allclose(symmetry.apart(turn, others, ((2, 0),)), [0.0, 0.0, np.pi], atol=1e-6)
+    assert np.allclose(symmetry.apart(turn, others, ((0, 2), (2, 0), (2, 0))), 0.0, atol=1e-6)
+    assert np.allclose(symmetry.apart(turn, others, ((0, 2), (2, 4))), [0.4, 0.0, 0.0], atol=1e-6)
+    assert np.allclose(symmetry.apart(turn, others, ((0, 0), (2, 0))), 0.0)
+    assert np.isfinite(symmetry.apart(turn, others, ((0, 7), (2, 360)))).all()

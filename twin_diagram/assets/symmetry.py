@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -41,6 +42,12 @@ class Tuning:
 
     counts: tuple[int, ...] = (8, 6, 5, 4, 3, 2)
     """Repetitions that are tried, the most first."""
+
+    same: float = 2.9999
+    """Turns are the same from one to the other if that has a larger trace: 0.6°, as 360 of a whole turn are apart."""
+
+    most: int = 720
+    """So many turns are gone through: a degree's and their flips."""
 
     odd: tuple[float, ...] = (0.071, 0.187, 0.293, 0.437)
     """Shares of a whole turn that no such repetition has: after all of them, any turn is alike."""
@@ -120,3 +127,34 @@ def parsed(told: Sequence[str], where: str) -> tuple[tuple[int, int], ...]:
             raise AssetError(f"{where}: symmetries holds {one!r}; one is an axis and a number, such as z 4, or x any")
         result.append((AXES.index(axis), times))
     return tuple(result)
+
+
+def apart(R: Array, others: Array, symmetries: tuple[tuple[int, int], ...]) -> Array:
+    """Return (N,) by what angles turns differ, up to symmetries [rad].
+
+    Args:
+        R: (3, 3).
+        others: (N, 3, 3).
+        symmetries: as `parsed` returns them.
+    """
+    alike = R @ _repeated(tuple(one for one in symmetries if one[1]))
+    free = sorted({axis for axis, count in symmetries if not count})
+    if len(free) > 1:
+        return np.zeros(len(others))
+    if free:
+        cosine = others[:, :, free[0]] @ alike[:, :, free[0]].T
+    else:
+        cosine = 0.5 * (np.einsum("nij,tij->nt", others, alike) - 1.0)
+    return np.asarray(np.arccos(np.clip(cosine.max(axis=1), -1.0, 1.0)))
+
+
+@cache
+def _repeated(symmetries: tuple[tuple[int, int], ...]) -> Array:
+    """Return (T, 3, 3) all turns that follow from those about axes, none first."""
+    steps = [rotations.matrix(rotations.exp(2.0 * np.pi / count * np.eye(3)[axis])) for axis, count in symmetries]
+    found = [np.eye(3)]
+    for one in found:  # grows as it goes; what is told of several axes may have no end
+        for step in steps if len(found) < TUNING.most else []:
+            if all(np.trace((one @ step).T @ other) < TUNING.same for other in found):
+                found.append(one @ step)
+    return np.array(found)

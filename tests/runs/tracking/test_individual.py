@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.alternatives import PoseHypothesis, share_of_first
+from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.registration.settling import SettledPose
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.runs.tracking.individual import Individual, expected
 from twin_diagram.scene import object_filter, object_update
@@ -85,3 +88,14 @@ def test_what_was_carried_is_doubted_sooner_and_forgotten() -> None:
 
     assert after(True, 0.5, 0.8, 1) < 0.5 < after(False, 0.5, 0.8, 1)
     assert after(True, 0.0, 0.0, 15) < 0.75 < 0.95 < after(False, 0.0, 0.0, 15)
+
+
+def test_a_rival_that_a_frame_tells_of_too_counts_once() -> None:
+    half = rotations.matrix(_turn(np.pi))
+    one = RegisteredPose(np.eye(3), np.zeros(3), np.eye(6), 1.0, 1.0, 1.0, 100.0)
+    first, other = (PoseHypothesis(R, np.zeros(3), np.eye(6), share) for R, share in ((np.eye(3), 0.8), (half, 0.2)))
+    individual = Individual(0, 0, object_filter.initial_filters(1)[0], rivals=((half, np.zeros(3), 1.0),))
+    told = individual.with_rivals(SettledPose(one, (first, other), False), 0.7)
+    assert [h.probability for h in told] == pytest.approx([0.7, 0.3])
+    assert share_of_first(told, ()) == pytest.approx(0.7)
+    assert share_of_first(told, ((2, 2),)) == pytest.approx(1.0)

@@ -9,11 +9,13 @@ hypothesis of its own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.assets import symmetry
 from twin_diagram.perception.depth_noise import TUNING as DEPTH
 from twin_diagram.perception.registration.assessment import TUNING as ASSESSMENT
 from twin_diagram.perception.registration.claims import TUNING as CLAIMS
@@ -105,6 +107,19 @@ class PoseHypothesis:
     p: Array
     covariance: Array
     probability: float
+
+
+def share_of_first(hypotheses: Sequence[PoseHypothesis], symmetries: tuple[tuple[int, int], ...]) -> float:
+    """Return how probable the first of poses is, with those that a thing's symmetries make the same.
+
+    Args:
+        hypotheses: whose probabilities sum to 1.
+        symmetries: of the thing; see `assets.symmetry.parsed`.
+    """
+    first, share = hypotheses[0], np.array([one.probability for one in hypotheses])
+    turned = symmetry.apart(first.R, np.stack([one.R for one in hypotheses]), symmetries)
+    moved = np.linalg.norm(np.stack([one.p for one in hypotheses]) - first.p, axis=1)
+    return float(share[(turned < TUNING.apart[0]) & (moved < TUNING.apart[1])].sum())
 
 
 def votes(looked: Looked, frame: Frame, spacing: float) -> float:

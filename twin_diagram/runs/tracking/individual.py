@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin_diagram.perception.registration.alternatives import PoseHypothesis
-from twin_diagram.perception.registration.settling import SettledPose
+from twin_diagram.perception.registration.settling import SettledPose, apart
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, predict
 from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
@@ -61,6 +61,7 @@ class Individual:
         odds: logarithm of the odds that it is there and what it is named.
         rivals: what it may be mistaken for, as X_OO' (turn, shift) and probability, from when it was found.
         followed: whether the frame before showed it.
+        posed: probability of its pose among those that the last frame that showed it allows.
     """
 
     track: int
@@ -69,6 +70,7 @@ class Individual:
     odds: float = 0.0
     rivals: tuple[tuple[Array, Array, float], ...] = ()
     followed: bool = False
+    posed: float = 1.0
 
     def believed(self, found: bool, shape: float, whole: float, since: float, aloft: bool = False) -> float:
         """Return how probable it is after a frame, of which `whole` could be seen, and of that `shape` fits.
@@ -95,12 +97,14 @@ class Individual:
         """Return what a frame allows, and what it may have been mistaken for: `right` is how probable it is not."""
         one, all_rivals = after.registration, sum(share for _, _, share in self.rivals)
         doubt = 1.0 - right if self.rivals else 0.0
-        own = [replace(h, probability=(1.0 - doubt) * h.probability) for h in after.hypotheses]
         others = [
             PoseHypothesis(one.R @ turn, one.p + one.R @ shift, one.covariance, doubt * share / all_rivals)
             for turn, shift, share in self.rivals
         ]
-        return (*own, *others)
+        # What the frame says of a rival is in the doubt already.
+        left = [h for h in after.hypotheses if h is after.hypotheses[0] or all(apart(h, other) for other in others)]
+        whole = sum(h.probability for h in left)
+        return (*(replace(h, probability=(1.0 - doubt) * h.probability / whole) for h in left), *others)
 
 
 class PoseShown(NamedTuple):

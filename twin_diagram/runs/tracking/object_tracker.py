@@ -10,7 +10,7 @@ import numpy as np
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.perception.registration.alternatives import PoseHypothesis
+from twin_diagram.perception.registration.alternatives import PoseHypothesis, share_of_first
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.data_association import Poses
@@ -74,7 +74,7 @@ class TrackedObject:
         track: number that stays with it.
         asset: name in the library; None: unknown.
         status: see `ObjectStatus`, lower case; `lost` once it is improbable.
-        probability: that it is there, the one that is named, and not turned the other way round.
+        probability: that it is there, the one that is named, and at that pose of all `hypotheses`, up to symmetries.
         visible: share of its camera-facing surface that this frame shows.
         R, p: pose; of an unknown thing no turn, and the middle of its points.
         covariance: (6, 6), rotation then translation.
@@ -290,7 +290,9 @@ class ObjectTracker:
             usual = slot.alike if found is not None else 0.0
             fits = min(shape, float(fit.likeness[0]) / (BELIEF.alike * usual)) if usual > 0.0 else shape
             there = one.believed(found is not None, fits, whole, since, slot.aloft)
-            sure = there * slot.named.probability * probability(slot.odds)
+            if shown.hypotheses:
+                one.posed = share_of_first(shown.hypotheses, self._symmetries(one))
+            sure = there * slot.named.probability * min(one.posed, probability(slot.odds))
             life = ObjectStatus(int(status[k])).name.lower()
             if found is None and there < 0.5:
                 life = ObjectStatus.LOST.name.lower()
@@ -341,6 +343,11 @@ class ObjectTracker:
     def _axis(self, one: Individual) -> Array:
         """Return the axis in O about which no turn is told; 0 where there is none."""
         return np.array([0.0, 0.0, float(self._model(one).asset.symmetric_axis == "z")])
+
+    def _symmetries(self, one: Individual) -> tuple[tuple[int, int], ...]:
+        """Return the turns of an object that do not count, about axes of O; see `assets.symmetry`."""
+        asset = self._model(one).asset
+        return (*asset.symmetries, (2, 0)) if asset.symmetric_axis == "z" else asset.symmetries
 
     def _slot_of(self, one: Individual) -> Slot:
         """Return what tracking remembers of an object."""
