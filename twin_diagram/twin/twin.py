@@ -262,8 +262,7 @@ def make_twin(
     preview = add_preview(builder, model, ekf, moves)
     _take_measurements(builder, offset, ekf, *filter(None, (drift, moves, health, runner, monitor, preview)))
     connect_task(builder, runner, ekf, updater, moves)
-    further = ["sensor_tracks"] if fused else []
-    _connect(builder, ekf, drift, "arm_state", "parameters", "innovation", "nis", *further)
+    _connect(builder, ekf, drift, "arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else []))
     _connect(builder, drift, ekf, "alarm")
     _connect(builder, ekf, updater, "arm_state")
     _connect_controller(builder, ekf, updater, goal, moves, health)

@@ -88,12 +88,10 @@ class Chain:
         q[[plant.get_joint(index).position_start() for index in joints]] = 0.0
         plant.SetPositions(context, q)
         n = len(joints)
-        identity = np.eye(4)
-        zero = np.zeros((n, 4, 4))
-        constant, sine, cosine, linear = zero.copy(), zero.copy(), zero.copy(), zero.copy()
+        constant, sine, cosine, linear = np.zeros((4, n, 4, 4))
         axes, origins, prismatic = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, dtype=bool)
         depth = depths(plant, joints)
-        X_WP = identity
+        X_WP = identity = np.eye(4)
         for k, index in enumerate(joints):
             joint = plant.get_joint(index)
             name = joint.name()
