@@ -299,6 +299,23 @@ def test_an_arm_of_another_size_is_refused() -> None:
         bus[ports.POSITION_MEASURED]
 
 
+@pytest.mark.parametrize("noise", [b"hello, I am no message", b"", lcmt_image_array().encode()])
+def test_bytes_that_are_no_message_are_left_out_and_said_once(noise: bytes, caplog: pytest.LogCaptureFixture) -> None:
+    """They ended the run in a traceback."""
+    bus = Bus(scenario())
+    bus.status(1_000)
+    bus.simulator.AdvanceTo(0.01)
+    for until in (0.02, 0.03):
+        bus.lcm.Publish(bus.status_channel, noise)
+        bus.simulator.AdvanceTo(until)
+    assert np.allclose(bus[ports.POSITION_MEASURED], 0.2)
+    (said,) = caplog.messages
+    assert said.startswith(f"PANDA_STATUS: {len(noise)} bytes that are no lcmt_panda_status")
+    bus.status(30_000, position=0.3)
+    bus.simulator.AdvanceTo(0.04)
+    assert np.allclose(bus[ports.POSITION_MEASURED], 0.3)
+
+
 def test_an_iiwas_torques_have_the_other_sign() -> None:
     from drake import lcmt_iiwa_status
 

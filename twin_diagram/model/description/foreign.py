@@ -1,8 +1,9 @@
 """Lets Drake's parsers read descriptions as other programs write them.
 
-What is put right in a copy in memory: meshes as STL or COLLADA, packages that lie above the description, motors or
-materials of one name, motors of joints that are not there, fixed joints that claim to follow another one, a name that
-lacks, MJCF's bodies without mass or with several joints. What needs none of it is parsed as it is.
+What is put right in a copy in memory: meshes as STL, COLLADA or GLB, OBJ without normals, packages that lie above the
+description, motors or materials of one name, motors of joints that are not there, fixed joints that claim to follow
+another one, a name that lacks, MJCF's bodies without mass or with several joints. What needs none of it is parsed as it
+is.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ def _folders(packages: PackageMap) -> dict[str, Path]:
 
 
 def _readable(path: Path, text: bytes, packages: Mapping[str, Path]) -> Callable[[re.Match[bytes]], bytes]:
-    """Return what puts an OBJ in the place of a mesh that Drake does not read."""
+    """Return what puts a file that Drake reads in the place of a mesh that it does not."""
     folder = path.parent
     if path.suffix.lower() == ".xml":
         said = {match[1]: match[2].decode() for match in _MESH_FOLDER.finditer(text)}
@@ -110,10 +111,11 @@ def _readable(path: Path, text: bytes, packages: Mapping[str, Path]) -> Callable
 
     def replaced(match: re.Match[bytes]) -> bytes:
         name = match[2].decode(errors="replace").strip()
-        if Path(name).suffix.lower() not in mesh_files.TURNED:
+        if Path(name).suffix.lower() not in mesh_files.TURNED | {".obj"}:
             return match[0]
         place = named_files.place_of(name, folder, packages)
-        return match[0] if place is None else match[1] + str(mesh_files.as_obj(place)).encode()
+        turned = place if place is None else mesh_files.readable(place)
+        return match[0] if turned is None or turned == place else match[1] + str(turned).encode()
 
     return replaced
 
