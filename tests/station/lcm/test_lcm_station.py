@@ -37,6 +37,7 @@ from twin_diagram.station.lcm.fake_arm import LcmArm
 from twin_diagram.station.lcm.messages import PROTOCOLS, read_images, write_images
 from twin_diagram.station.lcm.station import LcmArmStation
 from twin_diagram.station.lcm.systems import TUNING as SYSTEMS
+from twin_diagram.station.lcm.systems import next_clock
 from twin_diagram.twin.closed_loop import make_closed_loop
 
 HOME = [0.3, 0.2, -0.1, -2.0, 0.1, 2.2, 0.9]
@@ -242,6 +243,30 @@ def test_time_goes_on_where_a_driver_begins_anew(begins: int) -> None:
     np.testing.assert_allclose(np.diff(times), [0.005, 0.01, -0.005, 0.01], atol=1e-9)
     assert abs(times[0] - 0.1) < 0.003
     assert abs(bus.command.utime - (begins + 20000)) < 11000  # drivers check it
+
+
+@pytest.mark.parametrize("pace", [0.99, 0.9999, 1.0, 1.01])
+def test_a_clock_that_parts_from_the_loops_is_held_to_it(pace: float) -> None:
+    """Its stamps grew older than the stop monitor bears, in two seconds at 1 %, in eight minutes at a real one's."""
+    clock, usual = np.array([0.0, 7.0, 0.0]), 0.0
+    ages, steps = [], []
+    for k in range(1, 4000):
+        now = 7.0 + 0.005 * k + 0.002 * (k % 7 == 0)  # one in seven is held up on the bus
+        before = clock[1]
+        clock = next_clock(clock, round(5000 * k * pace), now)
+        ages.append(now - usual - clock[1])
+        steps.append((clock[1] - before) / (0.005 * pace))
+    assert np.abs(ages).max() < 0.018
+    assert np.abs(np.array(steps) - 1.0).max() < SYSTEMS.drift
+    if abs(pace - 1.0) < 1e-3:
+        assert np.std(steps) < 1e-3
+
+
+def test_a_loop_that_is_slower_than_the_arm_is_no_drift() -> None:
+    clock = np.array([0.0, 0.0, 0.0])
+    for k in range(1, 1000):
+        clock = next_clock(clock, 5000 * k, 0.0025 * k)
+    assert clock[1] > 0.99 * 0.005 * 999, "it is told as slower than real time"
 
 
 def test_messages_that_overtake_one_another_or_come_late_set_no_clock() -> None:

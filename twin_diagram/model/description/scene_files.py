@@ -12,10 +12,13 @@ import numpy as np
 from twin_diagram.signals.arrays import Array
 
 _NORMAL = re.compile(rb"^[ \t]*vn[ \t]", re.MULTILINE)
+"""Of an OBJ: a normal."""
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
+"""Of an OBJ: a vertex, and its coordinates."""
 _FACE = re.compile(rb"^[ \t]*f[ \t]+([^#\r\n]+)", re.MULTILINE)
+"""Of an OBJ: a face, and its corners."""
 _LIBRARY = re.compile(rb"^([ \t]*mtllib[ \t]+)([^\r\n]+?)[ \t]*$", re.MULTILINE)
-"""Of an OBJ: a line of each kind."""
+"""Of an OBJ: what stands before a file of materials, and the file."""
 _PICTURE = re.compile(rb"^([ \t]*map_\w+[ \t]+)([^-\s][^\r\n]*?)[ \t]*$", re.MULTILINE)
 """Of an OBJ's materials: what stands before a picture's file, and the file."""
 
