@@ -199,11 +199,13 @@ MJCF = """<mujoco model="arm"><compiler angle="radian" meshdir="assets"/><includ
 </worldbody></mujoco>"""
 
 
-def test_an_mjcf_with_stl_meshes_and_a_body_without_mass(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["mesh", "sphere", "box"])
+def test_an_mjcf_with_stl_meshes_and_a_body_without_mass(tmp_path: Path, kind: str) -> None:
+    """A sphere as large as its mesh is taken for the mesh."""
     (tmp_path / "assets").mkdir()
     (tmp_path / "assets" / "box.stl").write_bytes(binary_stl(TRIANGLES))
     (tmp_path / "meshes.xml").write_text('<mujoco><asset><mesh file="box.stl" scale="2 2 2"/></asset></mujoco>')
-    (tmp_path / "arm.xml").write_text(MJCF)
+    (tmp_path / "arm.xml").write_text(MJCF.replace('type="mesh"', f'type="{kind}"'))
     model = Model.load(tmp_path / "arm.xml")
     flat = np.zeros(1)
     assert model.joints == ("lift",)

@@ -56,6 +56,9 @@ _FIXED = re.compile(rb"""<joint\b[^>]*\btype\s*=\s*["']fixed["'][^>]*(?<!/)>.*?<
 _MIMIC = re.compile(rb"<mimic\b[^>]*/>")
 """What says that a joint follows another one."""
 
+_LITERAL = re.compile(r"<literal-string>\.\w+")
+"""What Drake calls a text; of what an MJCF says, too, it says `.urdf`."""
+
 _NO_MASS = b'<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-15 1e-15 1e-15"'
 """In the place of no mass at all, which Drake ends the program for [kg], [kg·m²]."""
 
@@ -93,7 +96,7 @@ def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
     try:
         return tuple(reader.AddModelsFromString(anchored, _KINDS[kind]))
     except RuntimeError as error:
-        raise RuntimeError(str(error).replace(f"<literal-string>.{_KINDS[kind]}", str(path))) from error
+        raise RuntimeError(_LITERAL.sub(lambda _: str(path), str(error))) from error
 
 
 def _folders(packages: PackageMap) -> dict[str, Path]:
