@@ -334,6 +334,9 @@ def _init(arguments: argparse.Namespace) -> int:
     if found.loose:
         said = f"{', '.join(found.loose)}: without a motor in {arguments.arm}, so they hang loose"
         print(f"note: {said}; twin.arm.joints names all that are driven", file=sys.stderr)
+    if found.drawn_only:
+        said = f"{', '.join(found.drawn_only)}: drawn, but without a collision shape: a camera sees an unknown thing"
+        print(f"note: {said} there, and no plan keeps it clear", file=sys.stderr)
     print(f"run it: twin-diagram run {arguments.out} --out out/first")
     return 0
 
