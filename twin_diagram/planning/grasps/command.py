@@ -20,7 +20,8 @@ def add_grasps_command(commands: Any) -> None:
         "source",
         type=Path,
         metavar="ASSET_OR_MESH",
-        help="the folder of an asset, or a mesh: .obj, .stl (z upwards), .glb or .gltf (y upwards)",
+        help="the folder of an asset, one that comes along (objects/mug), or a mesh: .obj, .stl (z upwards), "
+        ".glb or .gltf (y upwards)",
     )
     grasps.add_argument(
         "--gripper",
