@@ -154,6 +154,26 @@ def test_meshes_that_drake_does_not_read(
             assert seen == 1
 
 
+@pytest.mark.parametrize("asks", ["", "<!-- drake:compliant_hydroelastic -->"])
+def test_of_a_large_mesh_that_may_be_touched_the_hull_is_read(tmp_path: Path, asks: str) -> None:
+    """A parse took 2 s with five of 50,000 triangles; what is drawn stays whole."""
+    triangles = TRIANGLES
+    for _ in range(5):
+        a, b, c = triangles.transpose(1, 0, 2)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
+    (tmp_path / "box.stl").write_bytes(binary_stl(triangles))
+    (tmp_path / "arm.urdf").write_text(urdf("box.stl", asks))
+    np.testing.assert_allclose(shape_of(tmp_path / "arm.urdf")[:2], [(0.0, 0.0, 0.0), (0.1, 0.2, 0.3)], atol=1e-6)
+    plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    link, inspector = plant.get_body(add_arm(plant, tmp_path / "arm.urdf").last_link), scene_graph.model_inspector()
+    found = [plant.GetCollisionGeometriesForBody(link)[0], plant.GetVisualGeometriesForBody(link)[0]]
+    touched, drawn = (Path(inspector.GetShape(each).source().path()).stat().st_size for each in found)
+    assert drawn > 200_000 and (touched < 1_000) == (asks == "")
+
+
 def test_an_obj_without_normals_keeps_its_materials(tmp_path: Path) -> None:
     """Drake's renderer refuses it, in a traceback; its plane normals are those of the faces."""
     (tmp_path / "box.obj").write_bytes(b"mtllib box.mtl\nusemtl red\n" + OBJ.replace(b"f 1 2", b"f -8/ -7/"))

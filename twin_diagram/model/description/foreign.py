@@ -29,6 +29,9 @@ _MESH = {
 }
 """What stands before a mesh's file, and the file."""
 
+_COLLISION = re.compile(rb"<collision\b.*?</collision>", re.DOTALL)
+"""Of a URDF or SDF: a shape that may be touched."""
+
 _MESH_FOLDER = re.compile(rb"""<compiler\b[^>]*?\b(meshdir|assetdir)\s*=\s*["']([^"']*)""")
 """Of an MJCF: which attribute, and the folder."""
 _INCLUDE = re.compile(rb"""<include\b[^>]*?\bfile\s*=\s*["']([^"']+)["'][^>]*?(?:/>|>\s*</include>)""")
@@ -111,14 +114,20 @@ def _readable(path: Path, text: bytes, packages: Mapping[str, Path]) -> Callable
     if path.suffix.lower() == ".xml":
         said = {match[1]: match[2].decode() for match in _MESH_FOLDER.finditer(text)}
         folder = path.parent / said.get(b"meshdir", said.get(b"assetdir", ""))
+    # Of a shape that may be touched Drake takes the hull, unless it is asked to press it in.
+    touched = [] if b"hydroelastic" in text else [match.span() for match in _COLLISION.finditer(text)]
 
     def replaced(match: re.Match[bytes]) -> bytes:
         name = match[2].decode(errors="replace").strip()
         if Path(name).suffix.lower() not in mesh_files.TURNED | {".obj"}:
             return match[0]
         place = named_files.place_of(name, folder, packages)
-        turned = place if place is None else mesh_files.readable(place)
-        return match[0] if turned is None or turned == place else match[1] + str(turned).encode()
+        if place is None:
+            return match[0]
+        turned = mesh_files.readable(place)
+        if any(start <= match.start() < end for start, end in touched):
+            turned = mesh_files.hull_of(turned)
+        return match[0] if turned == place else match[1] + str(turned).encode()
 
     return replaced
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from pydrake.geometry import Mesh
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description import collada, scene_files
@@ -20,6 +21,9 @@ TURNED: frozenset[str] = frozenset({".stl", ".dae", ".glb"})
 
 _LAYOUT = "1"
 """Of the OBJ files; another one makes those anew that are kept."""
+
+_LARGE = 200_000
+"""Bytes of a mesh from which its hull is worth a file of its own: some 2,000 triangles."""
 
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
 """Of an STL in letters."""
@@ -43,6 +47,30 @@ def readable(path: Path) -> Path:
     if suffix == ".glb":
         return _kept(f"{name}.gltf", lambda _: _read(path, lambda: scene_files.gltf_of(content)))
     return _kept(f"{name}.obj", lambda _: obj_of(_corners(path, content)))
+
+
+def hull_of(path: Path) -> Path:
+    """Return an OBJ of the convex hull of a mesh that Drake reads, which is all that it takes of a collision shape.
+
+    Drake works it out each time that a description is parsed, which takes a third of a second for 50,000 triangles; a
+    run parses one several times.
+
+    Args:
+        path: a mesh that Drake reads; itself where it is no OBJ, is small, or has no hull.
+    """
+    if path.suffix.lower() != ".obj" or path.stat().st_size < _LARGE:
+        return path
+    try:
+        hull = Mesh(str(path)).GetConvexHull()
+    except RuntimeError:  # what is wrong with it is said where it is parsed
+        return path
+    content = path.read_bytes()
+    vertices = np.array([hull.vertex(k) for k in range(hull.num_vertices())])
+    faces = [hull.element(k) for k in range(hull.num_faces())]
+    numbers = [[face.vertex(k) + 1 for k in range(face.num_vertices())] for face in faces]
+    lines = ["v %.17g %.17g %.17g" % tuple(vertex) for vertex in vertices.tolist()]  # noqa: UP031
+    lines += ["f " + " ".join(map(str, each)) for each in numbers]
+    return _kept(f"meshes/{_digest(b'hull', content)}/{path.stem}.obj", lambda _: "\n".join([*lines, ""]))
 
 
 def _finished(path: Path, content: bytes) -> Path:
