@@ -128,8 +128,9 @@ def test_a_silent_bus_is_said_and_the_command_exits_3(tmp_path: Path, capfd: pyt
         "0.4",
     ]
     assert cli.main(["run", *argv, "--out", str(tmp_path / "out")]) == 3
-    printed = capfd.readouterr().out
+    printed, complained = capfd.readouterr()
     assert "no message from the arm: none has come, since 0.00 s" in printed
+    assert "nothing that can be used came on PANDA_STATUS at memq://" in complained
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["joints"] is None and '"joints": null' in printed and unheard(summary)
     (lack,) = summary["health"]

@@ -72,6 +72,17 @@ class Brought:
     loose: tuple[str, ...] = ()
     drawn_only: tuple[str, ...] = ()
 
+    def notes(self, arm: object) -> list[str]:
+        """Return what whoever brought `arm` should know, in a line each."""
+        said = []
+        if self.loose:
+            loose = f"{', '.join(self.loose)}: without a motor in {arm}, so they hang loose"
+            said.append(f"{loose}; twin.arm.joints names all that are driven")
+        if self.drawn_only:
+            drawn = f"{', '.join(self.drawn_only)}: drawn, but without a collision shape"
+            said.append(f"{drawn}: a camera sees an unknown thing there, and no plan keeps it clear")
+        return said
+
 
 def write_first_scenario(
     arm: str | Path,
