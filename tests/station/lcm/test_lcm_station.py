@@ -341,6 +341,17 @@ def test_bytes_that_are_no_message_are_left_out_and_said_once(noise: bytes, capl
     assert np.allclose(bus[ports.POSITION_MEASURED], 0.3)
 
 
+def test_a_status_of_no_joints_is_no_message() -> None:
+    """In the middle of a run it ended it."""
+    bus = Bus(scenario())
+    bus.status(1_000)
+    bus.simulator.AdvanceTo(0.01)
+    heard = bus[ports.MEASUREMENT_TIME][0]
+    bus.status(20_000, n=0)
+    bus.simulator.AdvanceTo(0.03)
+    assert bus[ports.MEASUREMENT_TIME][0] == heard and np.allclose(bus[ports.POSITION_MEASURED], 0.2)
+
+
 def test_an_iiwas_torques_have_the_other_sign() -> None:
     from drake import lcmt_iiwa_status
 

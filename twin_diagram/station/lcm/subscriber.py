@@ -14,7 +14,10 @@ _NO_MESSAGE = (ValueError, struct.error, IndexError, OverflowError, MemoryError)
 
 
 class LenientSerializer(PySerializer):
-    """Reads messages of one type; bytes that are none are left out, and the message before them goes on to count."""
+    """Reads messages of one type; bytes that are none are left out, and the message before them goes on to count.
+
+    A status of no joints at all, as of a driver that has lost its arm, is none either.
+    """
 
     def __init__(self, channel: str, lcm_type: type) -> None:
         """Read messages of `lcm_type` from `channel`, which the warning names."""
@@ -24,7 +27,9 @@ class LenientSerializer(PySerializer):
     def Deserialize(self, buffer: bytes, abstract_value: AbstractValue) -> None:
         """Put the message that `buffer` holds into `abstract_value`."""
         try:
-            super().Deserialize(buffer, abstract_value)
+            message = self._type.decode(buffer)  # type: ignore[attr-defined]
+            if getattr(message, "num_joints", 1):
+                abstract_value.set_value(message)
         except _NO_MESSAGE:
             if not self._warned:
                 self._warned = True
