@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import bisect
 import json
 import re
 import struct
@@ -45,6 +46,7 @@ def with_normals(content: bytes) -> bytes:
         ValueError: a face speaks of a vertex that is not there, or a number cannot be read.
     """
     vertices = np.array(_VERTEX.findall(content), dtype=float).reshape(-1, 3)
+    starts = [match.start() for match in _VERTEX.finditer(content)]
     normals: list[str] = []
 
     def face(match: re.Match[bytes]) -> bytes:
@@ -52,8 +54,7 @@ def with_normals(content: bytes) -> bytes:
         numbers = [int(corner[0]) for corner in corners]
         if any(not 0 < abs(number) <= len(vertices) for number in numbers):
             raise ValueError(f"the face {match[1].decode(errors='replace').strip()} lacks a vertex")
-        # Numbers below 0 count backwards from here; what comes before this line has all that they mean.
-        before = len(_VERTEX.findall(content, 0, match.start())) if min(numbers) < 0 else 0
+        before = bisect.bisect(starts, match.start())  # numbers below 0 count backwards from here
         points = vertices[[number - 1 if number > 0 else before + number for number in numbers]]
         normals.append("vn {:.6g} {:.6g} {:.6g}\n".format(*_across(points)))
         uses = (b"%s/%s/%d" % (corner[0], corner[1] if len(corner) > 1 else b"", len(normals)) for corner in corners)
