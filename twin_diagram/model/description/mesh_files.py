@@ -60,17 +60,21 @@ def hull_of(path: Path) -> Path:
     """
     if path.suffix.lower() != ".obj" or path.stat().st_size < _LARGE:
         return path
+    name = f"meshes/{_digest(b'hull', path.read_bytes())}/{path.stem}.obj"
     try:
-        hull = Mesh(str(path)).GetConvexHull()
+        return _kept(name, lambda _: _hull_text(path))
     except RuntimeError:  # what is wrong with it is said where it is parsed
         return path
-    content = path.read_bytes()
-    vertices = np.array([hull.vertex(k) for k in range(hull.num_vertices())])
+
+
+def _hull_text(path: Path) -> str:
+    """Return the convex hull of a mesh as Drake has it, as an OBJ's text; raises RuntimeError where there is none."""
+    hull = Mesh(str(path)).GetConvexHull()
+    vertices = [hull.vertex(k).tolist() for k in range(hull.num_vertices())]
     faces = [hull.element(k) for k in range(hull.num_faces())]
-    numbers = [[face.vertex(k) + 1 for k in range(face.num_vertices())] for face in faces]
-    lines = ["v %.17g %.17g %.17g" % tuple(vertex) for vertex in vertices.tolist()]  # noqa: UP031
-    lines += ["f " + " ".join(map(str, each)) for each in numbers]
-    return _kept(f"meshes/{_digest(b'hull', content)}/{path.stem}.obj", lambda _: "\n".join([*lines, ""]))
+    lines = ["v {:.17g} {:.17g} {:.17g}".format(*vertex) for vertex in vertices]
+    lines += ["f " + " ".join(str(face.vertex(k) + 1) for k in range(face.num_vertices())) for face in faces]
+    return "\n".join([*lines, ""])
 
 
 def _finished(path: Path, content: bytes) -> Path:
