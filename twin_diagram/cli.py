@@ -290,7 +290,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from twin_diagram.runs.early_check import check_given
 
     check_given(scenario)
-    from twin_diagram.runs.health_watch import unheard
+    from twin_diagram.runs.health_watch import said_unheard
     from twin_diagram.runs.run import run_scenario
 
     summary = run_scenario(
@@ -302,7 +302,7 @@ def _run(arguments: argparse.Namespace) -> int:
         meldis=arguments.meldis,
         say=print,
     )
-    return 3 if unheard(summary) else 0
+    return 3 if said_unheard(scenario, summary) else 0
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -331,9 +331,8 @@ def _init(arguments: argparse.Namespace) -> int:
 
     found = write_first_scenario(arguments.arm, arguments.out, _packages(arguments), arguments.joints)
     print(f"{arguments.out}: {len(found.joints)} joints ({', '.join(found.joints)}), tool frame {found.frames[0]}")
-    if found.loose:
-        said = f"{', '.join(found.loose)}: without a motor in {arguments.arm}, so they hang loose"
-        print(f"note: {said}; twin.arm.joints names all that are driven", file=sys.stderr)
+    for note in found.notes(arguments.arm):
+        print(f"note: {note}", file=sys.stderr)
     print(f"run it: twin-diagram run {arguments.out} --out out/first")
     return 0
 

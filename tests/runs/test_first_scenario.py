@@ -100,6 +100,19 @@ def test_what_is_written_runs_as_it_is(name: str, tmp_path: Path, request: pytes
     assert all(f"#   {joint}: " in text for joint in found.joints)
 
 
+def test_links_that_are_drawn_without_a_collision_shape_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A rail that was drawn alone stood in the twin's scene as an unknown thing."""
+    drawn = '<link name="base"><visual><geometry><box size="2 0.1 0.1"/></geometry></visual></link>'
+    (tmp_path / "two.urdf").write_text(PLACEHOLDER.replace('<link name="base"/>', drawn))
+    assert look_at(tmp_path / "two.urdf").drawn_only == ("base",)
+    assert cli.main(["init", "--arm", str(tmp_path / "two.urdf"), "--out", str(tmp_path / "two.yaml")]) == 0
+    assert capsys.readouterr().err.startswith("note: base: drawn, but without a collision shape")
+    (tmp_path / "scara.sdf").write_text(SCARA)
+    assert look_at(tmp_path / "scara.sdf").drawn_only == ()
+
+
 def test_the_camera_sees_the_table(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     out = tmp_path / "first.yaml"
     arm, packages = brought("scara", tmp_path, request)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -42,6 +44,41 @@ def test_a_stop_that_a_module_in_c_makes_into_another_error_is_a_stop(made: Exce
             raise made from None
     with pytest.raises(type(made)), stoppable():  # without a signal it stays what it is
         raise made
+
+
+class Swallowing(logging.Handler):
+    """A log that goes on whatever is raised, as Drake's does: the stop came seven seconds late."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            send(signal.SIGINT)
+            time.sleep(0.1)
+        except BaseException:
+            record.msg = "swallowed"
+
+
+def test_a_log_cannot_swallow_a_stop() -> None:
+    logger, handler = logging.getLogger("twin_diagram.tests"), Swallowing()
+    logger.addHandler(handler)
+    try:
+        with pytest.raises(Stopped), stoppable():
+            logger.warning("a line")
+            time.sleep(1.0)
+    finally:
+        logger.removeHandler(handler)
+
+
+def test_pydrake_is_imported_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It printed forty lines where it was stopped meanwhile."""
+    spec = SimpleNamespace(_initializing=True)
+    monkeypatch.setitem(sys.modules, "pydrake", SimpleNamespace(__spec__=spec))  # type: ignore[arg-type]
+    done = False
+    with pytest.raises(Stopped), stoppable():
+        send(signal.SIGINT)
+        time.sleep(0.1)
+        spec._initializing, done = False, True
+        time.sleep(1.0)
+    assert done
 
 
 def test_a_step_is_taken_whole() -> None:

@@ -34,9 +34,17 @@ class Robot(LeafSystem):
     """An arm's driver and a camera at the other end of a bus, which fall silent, or whose clock runs ahead."""
 
     def __init__(
-        self, bus: DrakeLcmInterface, plan: Scenario, *, until: float, images_until: float = np.inf, clock: float = 1.0
+        self,
+        bus: DrakeLcmInterface,
+        plan: Scenario,
+        *,
+        until: float,
+        images_until: float = np.inf,
+        clock: float = 1.0,
+        nothing_after: float = np.inf,
     ) -> None:
         super().__init__()
+        self._nothing_after = nothing_after
         self._bus, self._plan, self._until, self._images_until = bus, plan, until, images_until
         self._clock = clock
         self.DeclarePeriodicPublishEvent(1.0 / plan.twin.driver.rate, 1e-4, self._status)
@@ -49,7 +57,7 @@ class Robot(LeafSystem):
         message, still = lcmt_panda_status(), [0.0] * 7
         message.utime, message.num_joints = round(1e6 * self._clock * context.get_time()), 7
         for name in ("joint_position", "joint_position_desired"):
-            setattr(message, name, list(HOME))
+            setattr(message, name, [np.nan] * 7 if context.get_time() > self._nothing_after else list(HOME))
         for name in (
             "joint_velocity", "joint_velocity_desired", "joint_acceleration_desired", "joint_torque",
             "joint_torque_desired", "joint_torque_external",
@@ -120,8 +128,9 @@ def test_a_silent_bus_is_said_and_the_command_exits_3(tmp_path: Path, capfd: pyt
         "0.4",
     ]
     assert cli.main(["run", *argv, "--out", str(tmp_path / "out")]) == 3
-    printed = capfd.readouterr().out
+    printed, complained = capfd.readouterr()
     assert "no message from the arm: none has come, since 0.00 s" in printed
+    assert "nothing that can be used came on PANDA_STATUS at memq://" in complained
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["joints"] is None and '"joints": null' in printed and unheard(summary)
     (lack,) = summary["health"]
@@ -140,6 +149,14 @@ def test_an_arm_that_falls_silent_is_said_from_its_last_message_on() -> None:
     assert float(said[0].split(" s:")[0]) == pytest.approx(0.3 + HEALTH.messages / plan.twin.driver.rate, abs=0.04)
     assert believed["joints"] is not None and not unheard(believed), "it was heard once"
     assert unheard({"joints": None}) and not unheard({"arm": {}})
+
+
+def test_an_arm_that_sends_no_numbers_is_blind_however_fresh_its_stamps() -> None:
+    """A second of NaN went unseen, with the planner's commands passed on."""
+    _, found, said, _ = run(on_a_bus(), 0.6, until=np.inf, nothing_after=0.3)
+    (lack,) = found
+    assert lack["reason"] == "no_arm_message" and "no numbers" in lack["what"] and "no numbers" in said[0]
+    assert lack["first"] == pytest.approx(0.3, abs=0.006)
 
 
 def test_a_robot_that_speaks_lacks_nothing() -> None:
@@ -252,6 +269,8 @@ def test_when_messages_count_as_ceased() -> None:
     assert ceased(0.06, NEVER, 0.05) == [0.0, np.inf]
     assert ceased(1.04, 1.0, 0.05) == [np.inf, np.inf]
     assert ceased(1.06, 1.0, 0.05) == [np.inf, 1.0]
+    assert ceased(100.04, NEVER, 0.05, 100.0) == [np.inf, np.inf]
+    assert ceased(100.06, NEVER, 0.05, 100.0) == [100.0, np.inf]
 
 
 def test_first_and_last_times_are_kept() -> None:

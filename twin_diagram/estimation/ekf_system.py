@@ -43,6 +43,7 @@ class AdaptiveEkf(ModelUser[Ekf]):
         - covariance
         - innovation
         - nis
+        - message_time
         - sensor_tracks
 
     Rate: `Filter.rate`, a periodic discrete update that reads its inputs as they are before other updates of the same
@@ -61,6 +62,7 @@ class AdaptiveEkf(ModelUser[Ekf]):
         covariance: ((2n + p)²) of [q, v, θ], row by row.
         innovation: (n) of the velocities, as joint torque and whitened: about standard normal per joint.
         nis: (1) normalised innovation squared of positions and velocities, 2n on average.
+        message_time: (1) when the newest message that could be used was measured [s], `NEVER` before the first.
         sensor_tracks: there with further sensors: of each in turn its record by `belief.SensorTrack`, then its mean
             whitened innovation.
 
@@ -130,6 +132,7 @@ class AdaptiveEkf(ModelUser[Ekf]):
             ("covariance", (2 * n + p) ** 2, self._calc_covariance),
             ("innovation", n, self._calc_innovation),
             ("nis", 1, self._calc_nis),
+            ("message_time", 1, self._calc_message_time),
         ):
             known = {self.discrete_state_ticket(state)} | ({self.time_ticket()} if name == "arm_state" else set())
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=known)
@@ -240,6 +243,9 @@ class AdaptiveEkf(ModelUser[Ekf]):
 
     def _calc_nis(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._of(context).header[Entry.NIS : Entry.NIS + 1])
+
+    def _calc_message_time(self, context: Context, output: BasicVector) -> None:
+        output[0] = float(self._of(context).header[Entry.MESSAGE])
 
     def _calc_tracks(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.concatenate(self._of(context).tracks))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint
 
@@ -59,6 +60,7 @@ class Brought:
         home: (n,) within the limits; clear of the table where `stands`.
         stands: whether a pose was found that is clear of the table.
         loose: names of further joints, which have no motor by the description and follow no other joint.
+        drawn_only: links with a visual and no collision shape: a camera takes them for unknown things.
     """
 
     joints: tuple[str, ...]
@@ -68,6 +70,18 @@ class Brought:
     home: Array
     stands: bool
     loose: tuple[str, ...] = ()
+    drawn_only: tuple[str, ...] = ()
+
+    def notes(self, arm: object) -> list[str]:
+        """Return what whoever brought `arm` should know, in a line each."""
+        said = []
+        if self.loose:
+            loose = f"{', '.join(self.loose)}: without a motor in {arm}, so they hang loose"
+            said.append(f"{loose}; twin.arm.joints names all that are driven")
+        if self.drawn_only:
+            drawn = f"{', '.join(self.drawn_only)}: drawn, but without a collision shape"
+            said.append(f"{drawn}: a camera sees an unknown thing there, and no plan keeps it clear")
+        return said
 
 
 def write_first_scenario(
@@ -109,7 +123,8 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None, j
     """
     spec = scenario.ArmModel(model=str(arm), tool_frame="", joints=list(joints))
     Model.load(spec, packages)  # refuses what a run would refuse
-    plant = MultibodyPlant(0.0)
+    plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
     added = add_arm(plant, spec, packages)
     last = plant.get_body(added.last_link)
     # Drake names the frames of joints after them; nobody reaches a goal with these.
@@ -125,7 +140,10 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None, j
     held = {*added.joints, *added.gripper_joints, *unparsed.of_all(unparsed.following, added.parts)}
     movable = [j.name() for j in _joints(plant, added) if isinstance(j, (RevoluteJoint, PrismaticJoint))]
     loose = tuple(name for name in movable if name not in held)
-    return Brought(added.joints, lower, upper, frames, home, stands, loose)
+    links = [plant.get_body(index) for instance in added.instances for index in plant.GetBodyIndices(instance)]
+    drawn = [link for link in links if plant.GetVisualGeometriesForBody(link)]
+    drawn_only = tuple(link.name() for link in drawn if not plant.GetCollisionGeometriesForBody(link))
+    return Brought(added.joints, lower, upper, frames, home, stands, loose, drawn_only)
 
 
 def _tool_first(frames: tuple[str, ...]) -> tuple[str, ...]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from pydrake.systems.framework import Context
 
+from twin_diagram.scenario import Scenario
 from twin_diagram.twin.health import Lack
 from twin_diagram.twin.twin import TwinDiagram
 
@@ -39,3 +41,18 @@ class HealthWatch:
 def unheard(summary: Mapping[str, Any]) -> bool:
     """Return whether no message of the arm ever came that the twin could use; a simulated run always has some."""
     return summary.get("joints", {}) is None
+
+
+def said_unheard(scenario: Scenario, summary: Mapping[str, Any]) -> bool:
+    """Return `unheard`, and say on stderr where messages should have come from, for whoever looks for the reason."""
+    if not unheard(summary):
+        return False
+    where = f"from its {scenario.station} station"
+    if scenario.station == "lcm":
+        from twin_diagram.station.lcm.messages import PROTOCOLS
+
+        channel = scenario.lcm.status_channel or PROTOCOLS[scenario.lcm.arm].status_channel
+        url = scenario.lcm.url or "LCM's default address (LCM_DEFAULT_URL)"
+        where = f"on {channel} at {url}; see lcm.arm, lcm.status_channel, lcm.url"
+    print(f"the arm never spoke: nothing that can be used came {where}", file=sys.stderr)
+    return True

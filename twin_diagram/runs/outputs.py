@@ -104,7 +104,10 @@ class Looking:
             if self._meshcat is not None:
                 say(f"watch at {self._meshcat.web_url()}")
             if self._lcm is not None:
-                say("watch in Meldis: python -m pydrake.visualization.meldis -w")
+                say(
+                    "watch in a Meldis that was there before (python -m pydrake.visualization.meldis -w): "
+                    "DRAKE_VIEWER is what is real, Visual Geometry the twin's"
+                )
 
 
 class Keeping:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -19,6 +21,9 @@ class Tuning:
 
     patience: float = 0.3
     """A step that takes longer after a signal is broken off [s]; closing has the rest of the 2 s that all may take."""
+
+    again: float = 0.02
+    """What must not be broken off is looked at again after this [s]: importing pydrake takes a quarter of a second."""
 
 
 TUNING = Tuning()
@@ -112,11 +117,24 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
     _state.asked = number
     if _state.stepping:
         signal.setitimer(signal.ITIMER_REAL, TUNING.patience)
+    elif _swallows(frame):
+        signal.setitimer(signal.ITIMER_REAL, TUNING.again)
     else:
         raise Stopped(number)
 
 
+def _swallows(frame: FrameType | None) -> bool:
+    """Return whether what is raised now is swallowed: by a log, as Drake's, or by pydrake while it is imported."""
+    if getattr(getattr(sys.modules.get("pydrake"), "__spec__", None), "_initializing", False):
+        return True
+    while frame is not None and frame.f_code.co_filename != logging.__file__:
+        frame = frame.f_back
+    return frame is not None
+
+
 def _on_alarm(number: int, frame: FrameType | None) -> None:
-    if _state.stepping:
+    if not _state.stepping and _swallows(frame):
+        signal.setitimer(signal.ITIMER_REAL, TUNING.again)
+    elif _state.stepping or _state.asked:
         _state.stepping = False
         raise Stopped(_state.asked)

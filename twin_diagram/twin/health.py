@@ -84,6 +84,7 @@ def lacks(twin: scenario.Twin) -> tuple[Lack, ...]:
     result = [
         Lack(Reason.NO_ARM_MESSAGE, "none has come"),
         Lack(Reason.NO_ARM_MESSAGE, "they have ceased"),
+        Lack(Reason.NO_ARM_MESSAGE, "what comes are no numbers, or absurd ones"),
         Lack(Reason.SLOWER_THAN_REAL_TIME, "the arm's clock is ahead of the loop's"),
     ]
     cameras = twin.perceiving
@@ -108,6 +109,7 @@ class Patience:
     """How long each kind of lack is borne [s]."""
 
     message: float
+    usable: float
     images: tuple[float, ...]
     unseen: float
     behind: float
@@ -118,6 +120,7 @@ class Patience:
         """Return what follows from a twin's periods."""
         return Patience(
             message=TUNING.messages / twin.driver.rate,
+            usable=TUNING.messages / twin.driver.rate + 1.0 / twin.filter.rate,
             images=tuple(camera.latency + TUNING.images / camera.rate for camera in twin.perceiving.values()),
             unseen=twin.scene.lost_after,
             behind=TUNING.plans / twin.planner.rate,
@@ -125,17 +128,18 @@ class Patience:
         )
 
 
-def ceased(now: float, newest: float, patience: float) -> list[float]:
+def ceased(now: float, newest: float, patience: float, began: float = 0.0) -> list[float]:
     """Return since when no message has come at all, and since when they have ceased; infinity where that is not so.
 
     Args:
         now: time [s].
         newest: of the newest message [s]; `NEVER` before the first.
         patience: how long is waited [s].
+        began: when the clock began [s].
     """
-    silent = now - max(newest, 0.0) > patience
+    silent = now - max(newest, began) > patience
     never = newest < 0.0
-    return [0.0 if silent and never else np.inf, newest if silent and not never else np.inf]
+    return [began if silent and never else np.inf, newest if silent and not never else np.inf]
 
 
 def noted(rows: Array, since: Array, now: float) -> Array:
@@ -177,6 +181,7 @@ class HealthMonitor(LeafSystem):
         name: HealthMonitor
         input_ports:
         - measurement_time
+        - message_time (optional)
         - image_time (optional)
         - <camera>.image_time (optional)
         - tracks (optional)
@@ -187,6 +192,7 @@ class HealthMonitor(LeafSystem):
 
     Ports:
         measurement_time: (1) of the arm's newest message [s], `NEVER` before the first.
+        message_time: (1) of the newest message that the filter could use [s], `NEVER` before the first.
         image_time: (1) of the newest image [s], `NEVER` before the first.
         <camera>.image_time: (1) the same of each camera, where the twin looks through several.
         tracks: (K · TRACK_SIZE) a `layouts.Track` per library object.
@@ -197,8 +203,8 @@ class HealthMonitor(LeafSystem):
             [s], `NEVER` where it was not.
 
     Rate: `scene.rate`. Latency: one period and how long it is borne, see `Patience`; the time told is that of the last
-    message or image, not when it was missed. State: the rows, then when the first image was taken, and since when the
-    goal is not reached [s].
+    message or image, not when it was missed. State: the rows, then when the first image was taken, since when the
+    goal is not reached, and when the clock began [s].
     """
 
     def __init__(self, twin: scenario.Twin) -> None:
@@ -210,6 +216,7 @@ class HealthMonitor(LeafSystem):
         self._objects: Final = len(twin.library) if self._sees else 0
         self._wants: Final = twin.task.X_WG is not None
         self._arm = self.DeclareVectorInputPort("measurement_time", 1)
+        self._usable = self.DeclareVectorInputPort("message_time", 1)
         names = list(twin.perceiving) if len(twin.perceiving) > 1 else []
         own = [f"{name}.image_time" for name in names] or ["image_time"]
         self._images = [self.DeclareVectorInputPort(name, 1) for name in own]
@@ -218,7 +225,8 @@ class HealthMonitor(LeafSystem):
         self._away = self.DeclareVectorInputPort("turned_away", 2)
         size = FIELDS * len(self.lacks)
         start = np.tile([0.0, NEVER, NEVER], len(self.lacks))
-        state = self.DeclareDiscreteState(cast(Any, np.concatenate([start, [NEVER, NEVER]])))
+        state = self.DeclareDiscreteState(cast(Any, np.concatenate([start, [NEVER, NEVER, 0.0]])))
+        self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.scene.rate, 0.0, self._update)
 
         def calc(context: Context, output: BasicVector) -> None:
@@ -235,17 +243,27 @@ class HealthMonitor(LeafSystem):
         return [(lack, float(row[1])) for lack, row in zip(self.lacks, self._rows(context), strict=True) if row[0]]
 
     def _rows(self, context: Context) -> Array:
-        return np.asarray(context.get_discrete_state_vector().value())[:-2].reshape(-1, FIELDS)
+        return np.asarray(context.get_discrete_state_vector().value())[:-3].reshape(-1, FIELDS)
+
+    def _begin(self, context: Context, discrete: DiscreteValues) -> None:
+        """Keep the time at which a simulator begins, which may be any."""
+        state = np.array(context.get_discrete_state_vector().value())
+        state[-1] = context.get_time()
+        discrete.set_value(cast(Any, state))
 
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
         now, patience = context.get_time(), self._patience
-        first_image, missed = np.asarray(context.get_discrete_state_vector().value())[-2:]
+        first_image, missed, began = np.asarray(context.get_discrete_state_vector().value())[-3:]
         newest = float(cast(Array, self._arm.Eval(context))[0])
-        since = [*ceased(now, newest, patience.message), now if newest - now > patience.behind else np.inf]
+        silent = ceased(now, newest, patience.message, began)
+        useless = np.inf
+        if self._usable.HasValue(context) and not np.isfinite(silent).any():
+            useless = min(ceased(now, float(cast(Array, self._usable.Eval(context))[0]), patience.usable, began))
+        since = [*silent, useless, now if newest - now > patience.behind else np.inf]
         if self._sees:
             times = [float(cast(Array, port.Eval(context))[0]) for port in self._images]
             for one, borne in zip(times, patience.images, strict=True):
-                since += ceased(now, one, borne)
+                since += ceased(now, one, borne, began)
             image = max(times)
             first_image = image if first_image < 0.0 else first_image
             tracks = cast(Array, self._tracks.Eval(context)).reshape(-1, TRACK_SIZE)
@@ -259,4 +277,4 @@ class HealthMonitor(LeafSystem):
             missed = (now if missed < 0.0 else missed) if lost else NEVER
             since.append(missed if lost and now - missed > patience.goal else np.inf)
         rows = noted(self._rows(context), np.array(since), now)
-        discrete.set_value(cast(Any, np.concatenate([rows.ravel(), [first_image, missed]])))
+        discrete.set_value(cast(Any, np.concatenate([rows.ravel(), [first_image, missed, began]])))

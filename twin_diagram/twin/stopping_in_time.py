@@ -64,7 +64,7 @@ def connect_commands(
     for name in ("position_commanded", "torque_commanded", "plan_time"):
         if controller.HasOutputPort(name):
             builder.Connect(controller.GetOutputPort(name), monitor.GetInputPort(name))
-    for source, names in ((ekf, ("arm_state",)), (updater, ("tracks", "further_tracks"))):
+    for source, names in ((ekf, ("arm_state", "message_time")), (updater, ("tracks", "further_tracks"))):
         for name in names:
             builder.Connect(source.GetOutputPort(name), monitor.GetInputPort(name))
     if runner is not None:

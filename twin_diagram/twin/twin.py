@@ -334,7 +334,8 @@ def _connect_controller(
     controller: System,
     health: HealthMonitor,
 ) -> None:
-    """Connect what the twin believes and what it is to reach to those inputs that the controller has."""
+    """Connect what the twin believes and what it is to reach to those inputs that the controller has; tell health."""
+    _connect(builder, ekf, health, "message_time")
     _connect(builder, ekf, controller, *inputs_of(controller, ("arm_state", "parameters")))
     _connect(builder, updater, controller, *inputs_of(controller, ("tracks", "further_tracks")))
     if controller.HasInputPort("goal"):

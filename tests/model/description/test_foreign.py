@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model import Model
+from twin_diagram.model.description import mesh_files
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.planning.collision.collision_scene import load_scene
 from twin_diagram.scenario import ArmModel, Fixture
@@ -88,9 +90,47 @@ def shape_of(description: Path) -> tuple[np.ndarray, np.ndarray, int]:
     return corners.min(axis=0), corners.max(axis=0), len(seen)
 
 
+OBJ = "\n".join(
+    [f"v {x:g} {y:g} {z:g}" for x, y, z in CORNERS] + ["f " + " ".join(str(k + 1) for k in quad) for quad in QUADS]
+).encode()
+"""Without normals, as many programs write it."""
+
+
+def glb() -> bytes:
+    """The same box, y up, with its numbers in the file's second part."""
+    numbers = CORNERS[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
+    index = np.array([[q[0], *pair] for q in QUADS for pair in (q[1:3], q[2:4])], np.uint16)
+    binary = numbers.astype("<f4").tobytes() + index.astype("<u2").tobytes()
+    tree = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "buffers": [{"byteLength": len(binary)}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 96},
+            {"buffer": 0, "byteOffset": 96, "byteLength": index.nbytes},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3",
+             "min": numbers.min(axis=0).tolist(), "max": numbers.max(axis=0).tolist()},
+            {"bufferView": 1, "componentType": 5123, "count": index.size, "type": "SCALAR"},
+        ],
+    }  # fmt: skip
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    size = 28 + len(text) + len(binary)
+    return (
+        struct.pack("<4sIII4s", b"glTF", 2, size, len(text), b"JSON")
+        + text
+        + struct.pack("<I4s", len(binary), b"BIN\0")
+        + binary
+    )
+
+
 @pytest.mark.parametrize(
     ("name", "content", "low", "high"),
     [
+        ("box.glb", glb(), (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
+        ("box.obj", OBJ, (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
         ("box.stl", binary_stl(TRIANGLES), (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
         ("Box.STL", letters_stl(TRIANGLES), (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
         ("box.dae", dae(), (-0.2, 0.0, 1.0), (0.0, 0.1, 1.3)),
@@ -114,6 +154,39 @@ def test_meshes_that_drake_does_not_read(
             assert seen == 1
 
 
+@pytest.mark.parametrize("asks", ["", "<!-- drake:compliant_hydroelastic -->"])
+def test_of_a_large_mesh_that_may_be_touched_the_hull_is_read(tmp_path: Path, asks: str) -> None:
+    """A parse took 2 s with five of 50,000 triangles; what is drawn stays whole."""
+    triangles = TRIANGLES
+    for _ in range(5):
+        a, b, c = triangles.transpose(1, 0, 2)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
+    (tmp_path / "box.stl").write_bytes(binary_stl(triangles))
+    (tmp_path / "arm.urdf").write_text(urdf("box.stl", asks))
+    np.testing.assert_allclose(shape_of(tmp_path / "arm.urdf")[:2], [(0.0, 0.0, 0.0), (0.1, 0.2, 0.3)], atol=1e-6)
+    plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    link, inspector = plant.get_body(add_arm(plant, tmp_path / "arm.urdf").last_link), scene_graph.model_inspector()
+    found = [plant.GetCollisionGeometriesForBody(link)[0], plant.GetVisualGeometriesForBody(link)[0]]
+    touched, drawn = (Path(inspector.GetShape(each).source().path()).stat().st_size for each in found)
+    assert drawn > 200_000 and (touched < 1_000) == (asks == "")
+
+
+def test_an_obj_without_normals_keeps_its_materials(tmp_path: Path) -> None:
+    """Drake's renderer refuses it, in a traceback; its plane normals are those of the faces."""
+    (tmp_path / "box.obj").write_bytes(b"mtllib box.mtl\nusemtl red\n" + OBJ.replace(b"f 1 2", b"f -8/ -7/"))
+    (tmp_path / "box.mtl").write_text("newmtl red\nmap_Kd red.png\n")
+    turned = mesh_files.readable(tmp_path / "box.obj")
+    lines = turned.read_text().splitlines()
+    assert sum(line.startswith("vn ") for line in lines) == 6 and "mtllib box.mtl" in lines
+    assert lines[0] == "vn -1 0 0" and "f -8//1 -7//1 4//1 3//1" in lines
+    picture = (turned.parent / "box.mtl").read_text().split("map_Kd ")[1].strip()
+    assert (turned.parent / picture).resolve() == tmp_path / "red.png"
+    assert mesh_files.readable(turned) == turned
+
+
 def test_what_cannot_be_kept_is_turned_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
@@ -123,7 +196,14 @@ def test_what_cannot_be_kept_is_turned_all_the_same(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize(
-    ("name", "content"), [("cut.stl", binary_stl(TRIANGLES)[:300]), ("not.dae", b"<COLLADA"), ("none.stl", b"\0" * 84)]
+    ("name", "content"),
+    [
+        ("cut.stl", binary_stl(TRIANGLES)[:300]),
+        ("not.dae", b"<COLLADA"),
+        ("none.stl", b"\0" * 84),
+        ("cut.glb", glb()[:300]),
+        ("less.obj", b"v 0 0 0\nf 1 2 3\n"),
+    ],
 )
 def test_a_mesh_that_is_spoilt_is_named(tmp_path: Path, name: str, content: bytes) -> None:
     (tmp_path / name).write_bytes(content)
@@ -139,11 +219,13 @@ MJCF = """<mujoco model="arm"><compiler angle="radian" meshdir="assets"/><includ
 </worldbody></mujoco>"""
 
 
-def test_an_mjcf_with_stl_meshes_and_a_body_without_mass(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["mesh", "sphere", "box"])
+def test_an_mjcf_with_stl_meshes_and_a_body_without_mass(tmp_path: Path, kind: str) -> None:
+    """A sphere as large as its mesh is taken for the mesh."""
     (tmp_path / "assets").mkdir()
     (tmp_path / "assets" / "box.stl").write_bytes(binary_stl(TRIANGLES))
     (tmp_path / "meshes.xml").write_text('<mujoco><asset><mesh file="box.stl" scale="2 2 2"/></asset></mujoco>')
-    (tmp_path / "arm.xml").write_text(MJCF)
+    (tmp_path / "arm.xml").write_text(MJCF.replace('type="mesh"', f'type="{kind}"'))
     model = Model.load(tmp_path / "arm.xml")
     flat = np.zeros(1)
     assert model.joints == ("lift",)

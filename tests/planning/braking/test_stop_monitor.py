@@ -329,6 +329,11 @@ def late(start: float, stop: float) -> Asked:
     [
         (Cause.STALE_STATE, {"measurement_time": late(0.5, 1.2)}, 0.5 + 10 / scenario.Driver().rate),
         (
+            Cause.STALE_STATE,
+            {"message_time": late(0.5, 1.2)},
+            0.5 + 10 / scenario.Driver().rate + 1 / scenario.Filter().rate,
+        ),
+        (
             Cause.STALE_SCENE,
             {"image_time": late(0.5, 1.2)},
             0.5 + scenario.Camera().latency + 5 / scenario.Camera().rate,
@@ -350,6 +355,19 @@ def test_what_fails_stops_the_arm_until_it_is_back(
     assert rig.monitor.told(rig.context)[-1]["event"] == "resume"
     rig.run(6.0)
     np.testing.assert_allclose(rig.command(), steady(6.0), atol=1e-9)
+
+
+def test_a_clock_may_begin_at_any_time(model: Model, twin: scenario.Twin, library: dict[str, Asset]) -> None:
+    """From 100 s on: no image for two periods is no stale scene, though none is a hundred seconds old."""
+    camera = scenario.Camera()
+    first = 100.0 + camera.latency + 2 / camera.rate
+    rig = Rig(
+        model, twin, library, lambda t: steady(t - 100.0), image_time=lambda t: np.array([t if t > first else -1])
+    )
+    rig.simulator.get_mutable_context().SetTime(100.0)
+    rig.simulator.Initialize()
+    rig.simulator.AdvanceTo(100.6)
+    assert rig.brakes() == []
 
 
 def test_no_number_ever_reaches_the_arm_but_numbers(

@@ -37,6 +37,7 @@ from twin_diagram.station.lcm.fake_arm import LcmArm
 from twin_diagram.station.lcm.messages import PROTOCOLS, read_images, write_images
 from twin_diagram.station.lcm.station import LcmArmStation
 from twin_diagram.station.lcm.systems import TUNING as SYSTEMS
+from twin_diagram.station.lcm.systems import next_clock
 from twin_diagram.twin.closed_loop import make_closed_loop
 
 HOME = [0.3, 0.2, -0.1, -2.0, 0.1, 2.2, 0.9]
@@ -244,6 +245,30 @@ def test_time_goes_on_where_a_driver_begins_anew(begins: int) -> None:
     assert abs(bus.command.utime - (begins + 20000)) < 11000  # drivers check it
 
 
+@pytest.mark.parametrize("pace", [0.99, 0.9999, 1.0, 1.01])
+def test_a_clock_that_parts_from_the_loops_is_held_to_it(pace: float) -> None:
+    """Its stamps grew older than the stop monitor bears, in two seconds at 1 %, in eight minutes at a real one's."""
+    clock, usual = np.array([0.0, 7.0, 0.0]), 0.0
+    ages, steps = [], []
+    for k in range(1, 4000):
+        now = 7.0 + 0.005 * k + 0.002 * (k % 7 == 0)  # one in seven is held up on the bus
+        before = clock[1]
+        clock = next_clock(clock, round(5000 * k * pace), now)
+        ages.append(now - usual - clock[1])
+        steps.append((clock[1] - before) / (0.005 * pace))
+    assert np.abs(ages).max() < 0.018
+    assert np.abs(np.array(steps) - 1.0).max() < SYSTEMS.drift
+    if abs(pace - 1.0) < 1e-3:
+        assert np.std(steps) < 1e-3
+
+
+def test_a_loop_that_is_slower_than_the_arm_is_no_drift() -> None:
+    clock = np.array([0.0, 0.0, 0.0])
+    for k in range(1, 1000):
+        clock = next_clock(clock, 5000 * k, 0.0025 * k)
+    assert clock[1] > 0.99 * 0.005 * 999, "it is told as slower than real time"
+
+
 def test_messages_that_overtake_one_another_or_come_late_set_no_clock() -> None:
     bus, epoch = Bus(scenario()), 1_700_000_000_000_000
     for stamp in (0, 900_000, 100_000, 30_000_000, 29_500_000):
@@ -297,6 +322,34 @@ def test_an_arm_of_another_size_is_refused() -> None:
     bus.simulator.AdvanceTo(0.01)
     with pytest.raises(StationError, match=r"PANDA_STATUS tells of 9 joints; the twin's arm has 7"):
         bus[ports.POSITION_MEASURED]
+
+
+@pytest.mark.parametrize("noise", [b"hello, I am no message", b"", lcmt_image_array().encode()])
+def test_bytes_that_are_no_message_are_left_out_and_said_once(noise: bytes, caplog: pytest.LogCaptureFixture) -> None:
+    """They ended the run in a traceback."""
+    bus = Bus(scenario())
+    bus.status(1_000)
+    bus.simulator.AdvanceTo(0.01)
+    for until in (0.02, 0.03):
+        bus.lcm.Publish(bus.status_channel, noise)
+        bus.simulator.AdvanceTo(until)
+    assert np.allclose(bus[ports.POSITION_MEASURED], 0.2)
+    (said,) = caplog.messages
+    assert said.startswith(f"PANDA_STATUS: {len(noise)} bytes that are no lcmt_panda_status")
+    bus.status(30_000, position=0.3)
+    bus.simulator.AdvanceTo(0.04)
+    assert np.allclose(bus[ports.POSITION_MEASURED], 0.3)
+
+
+def test_a_status_of_no_joints_is_no_message() -> None:
+    """In the middle of a run it ended it."""
+    bus = Bus(scenario())
+    bus.status(1_000)
+    bus.simulator.AdvanceTo(0.01)
+    heard = bus[ports.MEASUREMENT_TIME][0]
+    bus.status(20_000, n=0)
+    bus.simulator.AdvanceTo(0.03)
+    assert bus[ports.MEASUREMENT_TIME][0] == heard and np.allclose(bus[ports.POSITION_MEASURED], 0.2)
 
 
 def test_an_iiwas_torques_have_the_other_sign() -> None:

@@ -1,8 +1,9 @@
 """Lets Drake's parsers read descriptions as other programs write them.
 
-What is put right in a copy: meshes as STL or COLLADA, packages that lie above the description, motors or materials of
-one name, motors of joints that are not there, fixed joints that claim to follow another one, a name that lacks, MJCF's
-bodies without mass or with several joints; in what a .dmd.yaml names, too. What needs none of it is parsed as it is.
+What is put right in a copy: meshes as STL, COLLADA or GLB, OBJ without normals, packages that lie above the description,
+motors or materials of one name, motors of joints that are not there, fixed joints that claim to follow another one, a
+name that lacks, MJCF's bodies without mass or with several joints; in what a .dmd.yaml names, too. What needs none of it
+is parsed as it is.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ _MESH = {
     ".xml": re.compile(rb"""(<mesh\b[^>]*?\bfile\s*=\s*["'])([^"']+)"""),
 }
 """What stands before a mesh's file, and the file."""
+
+_COLLISION = re.compile(rb"<collision\b.*?</collision>", re.DOTALL)
+"""Of a URDF or SDF: a shape that may be touched."""
 
 _MESH_FOLDER = re.compile(rb"""<compiler\b[^>]*?\b(meshdir|assetdir)\s*=\s*["']([^"']*)""")
 """Of an MJCF: which attribute, and the folder."""
@@ -56,6 +60,9 @@ _FIXED = re.compile(rb"""<joint\b[^>]*\btype\s*=\s*["']fixed["'][^>]*(?<!/)>.*?<
 _MIMIC = re.compile(rb"<mimic\b[^>]*/>")
 """What says that a joint follows another one."""
 
+_LITERAL = re.compile(r"<literal-string>\.\w+")
+"""What Drake calls a text; of what an MJCF says, too, it says `.urdf`."""
+
 _NO_MASS = b'<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-15 1e-15 1e-15"'
 """In the place of no mass at all, which Drake ends the program for [kg], [kg·m²]."""
 
@@ -80,7 +87,7 @@ def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
     try:
         return tuple(reader.AddModelsFromString(text, _KINDS[kind]))
     except RuntimeError as error:
-        raise RuntimeError(str(error).replace(f"<literal-string>.{_KINDS[kind]}", str(path))) from error
+        raise RuntimeError(_LITERAL.sub(lambda _: str(path), str(error))) from error
 
 
 def _add_named(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
@@ -144,18 +151,25 @@ def folders_of(packages: PackageMap) -> dict[str, Path]:
 
 
 def _readable(path: Path, text: bytes, packages: Mapping[str, Path]) -> Callable[[re.Match[bytes]], bytes]:
-    """Return what puts an OBJ in the place of a mesh that Drake does not read."""
+    """Return what puts a file that Drake reads in the place of a mesh that it does not."""
     folder = path.parent
     if path.suffix.lower() == ".xml":
         said = {match[1]: match[2].decode() for match in _MESH_FOLDER.finditer(text)}
         folder = path.parent / said.get(b"meshdir", said.get(b"assetdir", ""))
+    # Of a shape that may be touched Drake takes the hull, unless it is asked to press it in.
+    touched = [] if b"hydroelastic" in text else [match.span() for match in _COLLISION.finditer(text)]
 
     def replaced(match: re.Match[bytes]) -> bytes:
         name = match[2].decode(errors="replace").strip()
-        if Path(name).suffix.lower() not in mesh_files.TURNED:
+        if Path(name).suffix.lower() not in mesh_files.TURNED | {".obj"}:
             return match[0]
         place = named_files.place_of(name, folder, packages)
-        return match[0] if place is None else match[1] + str(mesh_files.as_obj(place)).encode()
+        if place is None:
+            return match[0]
+        turned = mesh_files.readable(place)
+        if any(start <= match.start() < end for start, end in touched):
+            turned = mesh_files.hull_of(turned)
+        return match[0] if turned == place else match[1] + str(turned).encode()
 
     return replaced
 

@@ -1,23 +1,29 @@
-"""Turns meshes that Drake does not read (STL, COLLADA) into OBJ files, kept in the user's cache."""
+"""Turns meshes that Drake does not read (STL, COLLADA, GLB, OBJ without normals) into such as it does, in a cache."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from pydrake.geometry import Mesh
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.description import collada
+from twin_diagram.model.description import collada, scene_files
 from twin_diagram.runtime import atomic_file, users_cache
 from twin_diagram.signals.arrays import Array
 
-TURNED: frozenset[str] = frozenset({".stl", ".dae"})
-"""Suffixes, in small letters, of the meshes that are turned."""
+TURNED: frozenset[str] = frozenset({".stl", ".dae", ".glb"})
+"""Suffixes, in small letters, of the meshes that are turned, whatever is in them."""
 
 _LAYOUT = "1"
 """Of the OBJ files; another one makes those anew that are kept."""
+
+_LARGE = 200_000
+"""Bytes of a mesh from which its hull is worth a file of its own: some 2,000 triangles."""
 
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
 """Of an STL in letters."""
@@ -25,26 +31,86 @@ _HEADER, _TRIANGLE = 84, 50
 """Bytes of a binary STL before its triangles, and of each."""
 
 
-def as_obj(path: Path) -> Path:
-    """Return an OBJ file of the same shape and stem, in the unit of the file.
+def readable(path: Path) -> Path:
+    """Return a file of the same shape and stem that Drake reads, in the unit of the file: an OBJ, of a GLB a glTF.
 
     Args:
-        path: a mesh with a suffix of `TURNED`.
+        path: a mesh; itself where nothing is to be put right.
 
     Raises:
         ModelError: it cannot be read, or has no triangle.
     """
-    content = path.read_bytes()
-    name = f"meshes/{hashlib.sha256(_LAYOUT.encode() + content).hexdigest()[:24]}/{path.stem}.obj"
+    content, suffix = path.read_bytes(), path.suffix.lower()
+    if suffix == ".obj":
+        return _finished(path, content) if scene_files.lacks_normals(content) else path
+    name = f"meshes/{_digest(content)}/{path.stem}"
+    if suffix == ".glb":
+        return _kept(f"{name}.gltf", lambda _: _read(path, lambda: scene_files.gltf_of(content)))
+    return _kept(f"{name}.obj", lambda _: obj_of(_corners(path, content)))
+
+
+def hull_of(path: Path) -> Path:
+    """Return an OBJ of the convex hull of a mesh that Drake reads, which is all that it takes of a collision shape.
+
+    Drake works it out each time that a description is parsed, which takes a third of a second for 50,000 triangles; a
+    run parses one several times.
+
+    Args:
+        path: a mesh that Drake reads; itself where it is no OBJ, is small, or has no hull.
+    """
+    if path.suffix.lower() != ".obj" or path.stat().st_size < _LARGE:
+        return path
+    name = f"meshes/{_digest(b'hull', path.read_bytes())}/{path.stem}.obj"
+    try:
+        return _kept(name, lambda _: _hull_text(path))
+    except RuntimeError:  # what is wrong with it is said where it is parsed
+        return path
+
+
+def _hull_text(path: Path) -> str:
+    """Return the convex hull of a mesh as Drake has it, as an OBJ's text; raises RuntimeError where there is none."""
+    hull = Mesh(str(path)).GetConvexHull()
+    vertices = [hull.vertex(k).tolist() for k in range(hull.num_vertices())]
+    faces = [hull.element(k) for k in range(hull.num_faces())]
+    lines = ["v {:.17g} {:.17g} {:.17g}".format(*vertex) for vertex in vertices]
+    lines += ["f " + " ".join(str(face.vertex(k) + 1) for k in range(face.num_vertices())) for face in faces]
+    return "\n".join([*lines, ""])
+
+
+def _finished(path: Path, content: bytes) -> Path:
+    """Return a copy of an OBJ with normals, and with its materials, whose pictures stay where they are."""
+    folder = path.parent.resolve()
+    own = [name for name in scene_files.libraries(content) if Path(name).name == name and (folder / name).is_file()]
+    materials = {name: (folder / name).read_bytes() for name in own}
+    place = f"meshes/{_digest(content, str(folder).encode(), *materials.values())}"
+    for name, text in materials.items():
+        _kept(f"{place}/{name}", lambda home, text=text: scene_files.moved(text, os.path.relpath(folder, home)))  # type: ignore[misc]
+    return _kept(f"{place}/{path.stem}.obj", lambda _: _read(path, lambda: scene_files.with_normals(content)))
+
+
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(_LAYOUT.encode() + b"".join(parts)).hexdigest()[:24]
+
+
+def _kept(name: str, made: Callable[[Path], str | bytes]) -> Path:
+    """Return a file in the cache, made once; `made` is given the folder that it is for."""
     kept = users_cache.folder() / name
     if kept.is_file():
         return kept
-    text = obj_of(_corners(path, content))
+    text = made(kept.parent)
     try:
         return atomic_file.write(kept, text)
     except OSError:
         aside = users_cache.for_this_process() / name
-        return aside if aside.is_file() else atomic_file.write(aside, text)
+        return aside if aside.is_file() else atomic_file.write(aside, made(aside.parent))
+
+
+def _read(path: Path, made: Callable[[], bytes]) -> bytes:
+    """Return what `made` does, or refuse the file."""
+    try:
+        return made()
+    except ValueError as error:
+        raise ModelError(f"{path}: not a mesh that can be read: {' '.join(str(error).split())}") from error
 
 
 def _corners(path: Path, content: bytes) -> Array:

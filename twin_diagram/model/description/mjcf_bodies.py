@@ -1,8 +1,9 @@
-"""Tells an MJCF's bodies as Drake reads them: one joint each, and no `<frame>`.
+"""Tells an MJCF's bodies as Drake reads them: one joint each, no `<frame>`, and no shape fitted to a mesh.
 
 Of several joints of a body Drake puts the last one, not the first, where the body stands, and it passes over frames
 with all that is in them. So each joint but the last gets a body of its own around the body, and a frame becomes a body
-without a joint, which is the same.
+without a joint, which is the same. A sphere or box that is as large as its mesh is refused by Drake: the mesh, as its
+convex hull, takes its place.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ _OUTSIDE = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass"
 
 def is_plain(root: Element) -> bool:
     """Return whether a file holds none of these."""
-    return root.find(".//frame") is None and all(len(body.findall("joint")) < 2 for body in root.iter("body"))
+    several = any(len(body.findall("joint")) > 1 for body in root.iter("body"))
+    return root.find(".//frame") is None and not several and not any(_is_fitted(geom) for geom in root.iter("geom"))
 
 
 def make_plain(root: Element) -> None:
-    """Put an MJCF's bodies and frames right.
+    """Put an MJCF's bodies, frames and shapes right.
 
     Raises:
         ModelError: a frame holds a joint or the mass of the body around it.
@@ -32,10 +34,17 @@ def make_plain(root: Element) -> None:
             raise ModelError(f"{name!r}: a joint or a mass within a frame is not read; put it into its body")
         frame.tag = "body"
         frame.set("name", f"{name}_{number}")
+    for geom in filter(_is_fitted, root.iter("geom")):
+        geom.set("type", "mesh")
     for parent in list(root.iter()):
         for place, child in enumerate(parent):
             if child.tag == "body":
                 parent[place] = _one_joint_each(child)
+
+
+def _is_fitted(geom: Element) -> bool:
+    """Return whether a shape is of a simple kind, and takes its size from a mesh."""
+    return geom.get("mesh") is not None and geom.get("type", "mesh") not in ("mesh", "sdf")
 
 
 def _one_joint_each(body: Element) -> Element:

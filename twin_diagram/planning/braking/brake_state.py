@@ -65,6 +65,7 @@ class BrakeState:
         stop_start, stop_time, stop_q0, stop_v0: of the newest stop, see `StraightStop`.
         rejoin_start, rejoin_time, rejoin_offset, rejoin_rate: of the newest `Rejoin`.
         clear: since when nothing stands against going on [s]; `NEVER` while something does.
+        began: when the arm was heard first [s].
         brakes: how many there were.
         braked: how long in all that are over [s].
         notes: (RING · NOTE_FIELDS) newest last.
@@ -86,6 +87,7 @@ class BrakeState:
     rejoin_offset: Array
     rejoin_rate: Array
     clear: float = NEVER
+    began: float = NEVER
     brakes: float = 0.0
     braked: float = 0.0
     notes: Array = field(default_factory=lambda: np.tile([NEVER, *[0.0] * (NOTE_FIELDS - 1)], RING))

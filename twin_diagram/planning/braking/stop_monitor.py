@@ -63,6 +63,7 @@ class StopMonitor(LeafSystem):
         - plan_time (optional)
         - arm_state
         - measurement_time
+        - message_time (optional)
         - image_time (optional)
         - tracks (optional)
         - further_tracks (optional)
@@ -81,6 +82,8 @@ class StopMonitor(LeafSystem):
         plan_time: (1) when the newest plan was made or checked [s]; not connected: a planner that hangs is not noticed.
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
         measurement_time: (1) of the arm's newest message [s], `NEVER` before the first: until then commands pass.
+        message_time: (1) of the newest message that a filter could use [s], which tells NaN with fresh stamps; not
+            connected: what stamps say is believed.
         image_time: (1) of the newest image [s]; not connected: the scene does not grow stale.
         tracks, further_tracks, things, hand: the twin's scene, as `Mpc` takes them. What is held is no obstacle but
             part of the arm, what may be touched is none; see `signals.hand`.
@@ -135,6 +138,7 @@ class StopMonitor(LeafSystem):
             Cause.HANGING_PLANNER: self._params.plan_periods / twin.planner.rate,
         }
         self._period: Final = 1.0 / self._params.rate
+        self._filter_period: Final = 1.0 / twin.filter.rate
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(self._n)
         self._declare(home, len(library), further, things)
 
@@ -143,7 +147,8 @@ class StopMonitor(LeafSystem):
         n, g = self._n, self._near.finger_count
         sizes = {
             "position_commanded": n, "torque_commanded": n, "plan_time": 1, "arm_state": 2 * n, "measurement_time": 1,
-            "image_time": 1, "tracks": TRACK_SIZE * objects, "further_tracks": FURTHER_TRACK_SIZE * further,
+            "message_time": 1, "image_time": 1, "tracks": TRACK_SIZE * objects,
+            "further_tracks": FURTHER_TRACK_SIZE * further,
             "things": THING_SIZE * things, "hand": HAND_SIZE, "gripper_state": 2 * g,
         }  # fmt: skip
         self._in: dict[str, InputPort] = {k: self.DeclareVectorInputPort(k, size) for k, size in sizes.items()}
@@ -240,7 +245,7 @@ class StopMonitor(LeafSystem):
             if not heard:
                 return
             start = next((q for q in (asked, arm[: self._n], state.command) if np.isfinite(q).all()), state.command)
-            state = replace(state, mode=float(BrakeMode.PASS), looked=now, command=start, asked=start)
+            state = replace(state, mode=float(BrakeMode.PASS), began=now, looked=now, command=start, asked=start)
         command, counts, held = self._command(state, now, asked)
         passed = now - state.looked
         rate, asked_rate = state.rate, state.asked_rate
@@ -257,7 +262,7 @@ class StopMonitor(LeafSystem):
         turn = np.zeros(self._n)
         if passed > 0.0:
             turn = np.clip((asked_rate - state.asked_rate) / passed, -self._acceleration, self._acceleration)
-        cause = self._cause(context, now, arm, asked, torque, held)
+        cause = self._cause(context, now, state.began, arm, asked, torque, held)
         state = replace(state, looked=now, command=command, rate=rate, asked=counts, asked_rate=asked_rate)
         if torque is not None and np.isfinite(torque).all():
             state = replace(state, torque=torque)
@@ -267,21 +272,25 @@ class StopMonitor(LeafSystem):
             after = self._decide(context, state, now, arm, cause)
         discrete.set_value(cast(Any, after.pack()))
 
-    def _cause(self, context: Context, now: float, arm: Array, asked: Array, torque: Array | None, held: bool) -> Cause:
+    def _cause(
+        self, context: Context, now: float, began: float, arm: Array, asked: Array, torque: Array | None, held: bool
+    ) -> Cause:
         """Return what stands against any motion, whatever is near."""
         if not (np.isfinite(arm).all() and np.isfinite(asked).all()) or (
             torque is not None and not np.isfinite(torque).all()
         ):
             return Cause.NOT_A_NUMBER
-        for cause, name in (
-            (Cause.STALE_STATE, "measurement_time"),
-            (Cause.STALE_SCENE, "image_time"),
-            (Cause.HANGING_PLANNER, "plan_time"),
+        for cause, name, later in (
+            (Cause.STALE_STATE, "measurement_time", 0.0),
+            (Cause.STALE_STATE, "message_time", self._filter_period),
+            (Cause.STALE_SCENE, "image_time", 0.0),
+            (Cause.HANGING_PLANNER, "plan_time", 0.0),
         ):
             time = self._value(context, name)
             if time is None or (cause is Cause.HANGING_PLANNER and time[0] < 0.0):
                 continue
-            if not now - max(float(time[0]), 0.0) <= self._patience[cause] + 1e-9:
+            # What has not come yet is waited for from the arm's first message on: a clock may begin at any time.
+            if not now - max(float(time[0]), began) <= self._patience[cause] + later + 1e-9:
                 return cause
         return Cause.JUMP if held else Cause.NONE
 

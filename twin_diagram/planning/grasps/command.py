@@ -20,7 +20,8 @@ def add_grasps_command(commands: Any) -> None:
         "source",
         type=Path,
         metavar="ASSET_OR_MESH",
-        help="the folder of an asset, or a mesh: .obj, .stl, .ply (z upwards), .glb, .gltf (y upwards) or .dae",
+        help="the folder of an asset, the name of one that comes along (objects/mug), or a mesh: .obj, .stl, .ply (z "
+        "upwards), .glb, .gltf (y upwards) or .dae",
     )
     grasps.add_argument(
         "--gripper",

@@ -19,6 +19,7 @@ from twin_diagram.assets.mesh import read_obj
 from twin_diagram.errors import AssetError
 from twin_diagram.planning.grasps.target import GraspTarget, target_of
 from twin_diagram.planning.grasps.triangles import surface_cloud
+from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.arrays import Array
 
 
@@ -72,7 +73,8 @@ def read_known(source: str | Path, unit: str = "m", mass: float | None = None) -
     """Read an asset's folder or a mesh's file.
 
     Args:
-        source: a folder with an asset.yaml; .obj, .stl, .ply (z upwards), .glb or .gltf (y upwards, turned), .dae.
+        source: a folder with an asset.yaml, or the name of one that comes along (``objects/mug``); .obj, .stl, .ply (z
+            upwards), .glb or .gltf (y upwards, turned), .dae.
         unit: of a mesh: m, cm, mm or in.
         mass: [kg], in place of an asset's own.
 
@@ -80,6 +82,8 @@ def read_known(source: str | Path, unit: str = "m", mass: float | None = None) -
         AssetError: it cannot be read, is empty, not finite, or of a size that says that the unit is another one.
     """
     path = Path(source)
+    if not path.exists() and (models_dir() / path / "asset.yaml").is_file():
+        path = models_dir() / path
     check_told(mass, None, unit)
     if path.is_dir():
         if unit != "m":

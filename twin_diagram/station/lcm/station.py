@@ -9,7 +9,7 @@ from drake import lcmt_image_array  # type: ignore[import-untyped]
 from pydrake.lcm import DrakeLcm, DrakeLcmInterface
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
+from pydrake.systems.lcm import LcmInterfaceSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram.errors import ScenarioError
@@ -18,6 +18,7 @@ from twin_diagram.station import ports
 from twin_diagram.station.add_models import twin_arm
 from twin_diagram.station.ignored_commands import IgnoredCommands
 from twin_diagram.station.lcm.messages import PROTOCOLS
+from twin_diagram.station.lcm.subscriber import subscriber
 from twin_diagram.station.lcm.systems import ArmReceiver, CommandSender, ImageReceiver
 from twin_diagram.station.sim.camera import check_camera
 
@@ -86,7 +87,7 @@ class LcmArmStation(Diagram):
         builder = DiagramBuilder()
         interface = builder.AddNamedSystem("lcm", LcmInterfaceSystem(self.bus))
         status_channel = spec.status_channel or protocol.status_channel
-        status = LcmSubscriberSystem.Make(status_channel, protocol.status_type, interface)
+        status = subscriber(status_channel, protocol.status_type, interface)
         builder.AddNamedSystem("status_subscriber", status)
         receiver = builder.AddNamedSystem("arm_receiver", ArmReceiver(protocol, revolute, status_channel))
         builder.Connect(status.get_output_port(), receiver.get_input_port())
@@ -108,7 +109,7 @@ class LcmArmStation(Diagram):
             builder.ExportInput(gripper.get_input_port(), ports.GRIPPER_COMMANDED)
             builder.ExportOutput(still.get_output_port(), ports.GRIPPER_MEASURED)
         if camera is not None:
-            images = LcmSubscriberSystem.Make(spec.image_channel, lcmt_image_array, interface)
+            images = subscriber(spec.image_channel, lcmt_image_array, interface)
             builder.AddNamedSystem("image_subscriber", images)
             eye = builder.AddNamedSystem("image_receiver", ImageReceiver(camera, spec.depth_unit, spec.image_channel))
             builder.Connect(images.get_output_port(), eye.GetInputPort("message"))

@@ -38,23 +38,43 @@ class Tuning:
     """Stamps that go on by more than this from one message to the next are of a clock that was set [s]: loops that are
     slow or pause for a while, and arms that are silent, stay far below."""
 
+    drift: float = 0.02
+    """Clocks that part no faster than this are held together [s/s]: real ones part by 1e-4, simulated ones by more."""
+
+    settle: float = 0.5
+    """What has parted is taken out within about this [s]: slow beside a bus's jitter."""
+
+    jitter: float = 0.01
+    """What is late or early by less, or by less than two messages are apart, is the bus's [s]: a tick of a slow one."""
+
+    parted: float = 0.05
+    """What is early or late by more is no drift but a loop that is slow or a bus that is held up [s]."""
+
 
 TUNING = Tuning()
 
 
-def set_anew(clock: Array, utime: int, now: float) -> Array:
-    """Return a clock as it counts for a message: itself, or one that goes on from now where the sender's was set anew.
+def next_clock(clock: Array, utime: int, now: float) -> Array:
+    """Return a clock once a message has come: it goes on with the sender's, and is held to the loop's.
+
+    Clocks part slowly: counted by the sender's alone, messages would one day be old, or of the future. Where the
+    sender's was set anew, time goes on from now.
 
     Args:
-        clock: (3,) a stamp [µs], the time that it stands for [s], and the newest stamp that came [µs].
+        clock: (3,) a stamp [µs], the time that it stands for [s], and how long messages usually are on the way [s].
         utime: of the message [µs].
         now: when it came [s].
     """
-    first, start, newest = clock
-    ahead = (utime - newest) * 1e-6
-    if start < 0.0 or -TUNING.back <= ahead <= TUNING.leap:
+    stamp, time, usual = clock
+    ahead = (utime - stamp) * 1e-6
+    if time < 0.0 or -TUNING.back <= ahead <= 0.0:
         return clock
-    return np.array([utime, max(now, start + (newest - first) * 1e-6), utime])
+    if not 0.0 < ahead <= TUNING.leap:
+        return np.array([utime, max(now - usual, time), usual])
+    late = now - usual - (time + ahead)
+    beyond = np.sign(late) * max(abs(late) - min(TUNING.jitter, 2.0 * ahead), 0.0)
+    rate = np.clip(beyond / TUNING.settle, -TUNING.drift, TUNING.drift) if abs(late) <= TUNING.parted else 0.0
+    return np.array([utime, time + ahead * (1.0 + rate), usual])
 
 
 class ArmReceiver(LeafSystem):
@@ -76,9 +96,9 @@ class ArmReceiver(LeafSystem):
     Units and sizes as on any station; zeros and `NEVER` before the first message. Angles that jump by a turn from one
     message to the next are taken to go on; `turns` (n) [rad] is what was added to the newest for that.
     `measurement_time` is the message's own time stamp, on a clock that starts where the first message arrives: a
-    constant delay of the bus is not seen, its jitter is. Where the driver's clock is set anew, as when it is started
-    again, time goes on. `clock` (2): a utime [µs] and the time that it stands for [s]: when the first message came,
-    `NEVER` before. Latency: the bus's.
+    constant delay of the bus is not seen, its jitter is. A driver's clock that runs slower or faster than the loop's is
+    followed; where it is set anew, as when it is started again, time goes on. `clock` (2): a utime [µs] and the time
+    that it stands for [s], `NEVER` before the first message. Latency: the bus's.
     """
 
     def __init__(self, protocol: Protocol, revolute: npt.NDArray[np.bool_], channel: str) -> None:
@@ -94,7 +114,7 @@ class ArmReceiver(LeafSystem):
         self._protocol, self._n, self._channel = protocol, n, channel
         self._turn = np.where(revolute, 2.0 * np.pi, 0.0)
         self._message = self.DeclareAbstractInputPort("message", Value(protocol.status_type()))
-        # Clock, see `set_anew`; the newest angles as they came, and what was added to them [rad].
+        # Clock, see `next_clock`; the newest angles as they came, and what was added to them [rad].
         state = self.DeclareDiscreteState(np.concatenate([[0.0, NEVER, 0.0], np.full(n, np.nan), np.zeros(n)]))
         # A message changes the state by an update of its own at some time or other; this one follows it at the same
         # time.
@@ -129,10 +149,9 @@ class ArmReceiver(LeafSystem):
         state = np.array(context.get_discrete_state_vector().value())
         message, n = self._message.Eval(context), self._n
         if state[1] < 0 and message.num_joints > 0:
-            state[:3] = message.utime, context.get_time(), message.utime
+            state[:3] = message.utime, context.get_time(), 0.0
         elif state[1] >= 0:
             state[:3] = self._clock(context)
-            state[2] = max(state[2], message.utime)
         if message.num_joints == n:  # what is wrong with others is said where they are used
             state[3 + n :] = self._turns(context)
             came = self._status(context).position
@@ -142,7 +161,7 @@ class ArmReceiver(LeafSystem):
     def _clock(self, context: Context) -> Array:
         """Return (3,) the clock as it counts for the newest message."""
         clock = context.get_discrete_state_vector().value()[:3]
-        return set_anew(clock, self._message.Eval(context).utime, context.get_time())
+        return next_clock(clock, self._message.Eval(context).utime, context.get_time())
 
     def _turns(self, context: Context) -> Array:
         """Return (n,) what is to be added to the angles of the newest message, so that they go on [rad]."""
@@ -237,7 +256,8 @@ class ImageReceiver(LeafSystem):
 
     As on any station; black, empty and `NEVER` before the first message. `image_time` is the message's own time stamp
     on the arm's clock; where the camera's clock is not the arm's, the first image counts as taken `latency` before it
-    came. Where the camera's clock is set anew, time goes on. Latency: the camera's and the bus's.
+    came. A camera's clock that runs slower or faster is followed, and where it is set anew, time goes on. Latency: the
+    camera's and the bus's.
     """
 
     def __init__(self, camera: Camera, depth_unit: float, channel: str) -> None:
@@ -252,7 +272,7 @@ class ImageReceiver(LeafSystem):
         self._camera, self._unit, self._channel = camera, depth_unit, channel
         self._message = self.DeclareAbstractInputPort("message", Value(lcmt_image_array()))
         self._clock = self.DeclareVectorInputPort("clock", 2)
-        state = self.DeclareDiscreteState(np.array([0.0, NEVER, 0.0]))  # a clock, see `set_anew`
+        state = self.DeclareDiscreteState(np.array([0.0, NEVER, 0.0]))  # a clock, see `next_clock`
         self.DeclarePerStepDiscreteUpdateEvent(self._keep_clock)
         tickets = {self._message.ticket(), self.discrete_state_ticket(state)}
         rgb, depth = ImageRgba8U(camera.width, camera.height), ImageDepth32F(*camera.depth_size)
@@ -269,16 +289,16 @@ class ImageReceiver(LeafSystem):
             capture = arm_start + (utime - arm_utime) * 1e-6
             if arm_start < 0 or abs(now - capture) > TUNING.clock_tolerance:
                 capture = now - self._camera.latency
-            clock = np.array([utime, max(capture, 0.0), utime])
+            capture = max(capture, 0.0)
+            clock = np.array([utime, capture, now - capture])
         elif clock[1] >= 0.0:
-            clock = np.array(self._newest_clock(context))
-            clock[2] = max(clock[2], message.header.utime)
+            clock = self._newest_clock(context)
         discrete.set_value(clock)
 
     def _newest_clock(self, context: Context) -> Array:
         """Return (3,) the clock as it counts for the newest message."""
-        came = context.get_time() - self._camera.latency
-        return set_anew(context.get_discrete_state_vector().value(), self._message.Eval(context).header.utime, came)
+        clock = np.array(context.get_discrete_state_vector().value())
+        return next_clock(clock, self._message.Eval(context).header.utime, context.get_time())
 
     def _images(self, context: Context):  # type: ignore[no-untyped-def]
         """Colour and depth, None before the first."""
