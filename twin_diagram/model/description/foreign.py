@@ -1,9 +1,9 @@
 """Lets Drake's parsers read descriptions as other programs write them.
 
-What is put right in a copy: meshes as STL, COLLADA or GLB, OBJ without normals, packages that lie above the description,
-motors or materials of one name, motors of joints that are not there, fixed joints that claim to follow another one, a
-name that lacks, MJCF's bodies without mass or with several joints; in what a .dmd.yaml names, too. What needs none of it
-is parsed as it is.
+What is put right in a copy: meshes as STL, COLLADA or GLB, OBJ without normals, packages that lie above the
+description, motors or materials of one name, motors of joints that are not there, fixed joints that claim to follow
+another one, a name that lacks, MJCF's bodies without mass or with several joints; in what a .dmd.yaml names, too. What
+needs none of it is parsed as it is.
 """
 
 from __future__ import annotations
