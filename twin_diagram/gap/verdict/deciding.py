@@ -191,7 +191,7 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -
         TUNING.level + TUNING.of_few / np.maximum(bench.counts, 1.0) if fit.members else TUNING.far_above
     )
     structure = left.statistic > TUNING.remainder or bool(np.any(raised))
-    noise = whitening.noise_below(bench.whitener, records.rate)
+    noise = np.hypot(whitening.noise_below(bench.whitener, records.rate), records.above)
     findings: tuple[Finding, ...] = ()
     separation: tuple[Separation, ...] = ()
     if fit.members:
