@@ -27,6 +27,9 @@ class Tuning:
     """Share of the way from the joint before that lies along the last joint's axis, from which on it tells where
     outward is."""
 
+    short: float = 0.03
+    """Share of the arm's reach below which that way tells nothing: where all joints of a wrist meet in a point, say."""
+
 
 TUNING = Tuning()
 
@@ -73,9 +76,9 @@ def within_reach(terms: Terms, body: int) -> Callable[[Array], bool]:
     tree, (_, X_ML) = model.tree, model.bodies.body_of(model.last_link)
     from_before = tree.R_PF[body].T @ tree.p_PF[body]
     ahead = float(from_before @ tree.axis[body])
-    back = np.inf
-    if tree.revolute[body] and tree.parent[body] >= 0 and abs(ahead) > TUNING.along * np.linalg.norm(from_before):
-        back = abs(ahead)
+    least = max(TUNING.along * float(np.linalg.norm(from_before)), TUNING.short * reach(terms))
+    wrist = tree.revolute[body] and tree.parent[body] >= 0 and abs(ahead) > least
+    back = abs(ahead) if wrist else np.inf
     outward = np.sign(ahead) * tree.axis[body]
 
     def admits(c: Array) -> bool:
