@@ -318,11 +318,7 @@ def predict(
     predicted = {"time": measured.time}
     every = 1 if used is even else max(1, round(1.0 / (TUNING.long_rate * used.period)))
     stretches = [_Stretch.of(loaded, part, horizon, every) for part in _parts(used, horizon)]
-    torque, position = (np.empty_like(used.position) for _ in range(2))
-    for one in stretches:
-        inside = (used.time >= one.log.time[0]) & (used.time <= one.log.time[-1])
-        torque[inside] = _at(used.time[inside], one.log.time, one.torque)
-        position[inside] = _at(used.time[inside], one.log.time, one.position)
+    torque, position = _joined(used, stretches)
     for name, values in (
         ("torque_predicted", _at(even.time, used.time, torque)),
         ("position_predicted", _at(even.time, used.time, position) - turned),
@@ -363,6 +359,16 @@ class _Stretch:
     def misfit(self, model: Model, horizon: float) -> list[str]:
         """Return `_misfit` of it."""
         return _misfit(model, self.log, self.smooth, self.position, horizon)
+
+
+def _joined(log: Log, stretches: Sequence[_Stretch]) -> tuple[Array, Array]:
+    """Return torques and positions (N, n) at a log's times, of the last stretch that each sample is in."""
+    torque, position = (np.empty_like(log.position) for _ in range(2))
+    for one in stretches:
+        inside = (log.time >= one.log.time[0]) & (log.time <= one.log.time[-1])
+        torque[inside] = _at(log.time[inside], one.log.time, one.torque)
+        position[inside] = _at(log.time[inside], one.log.time, one.position)
+    return torque, position
 
 
 def _misfit(model: Model, log: Log, smooth: Motion, arrived: Array, horizon: float) -> list[str]:
