@@ -269,7 +269,7 @@ def test_what_nobody_logged_is_no_misfit(tmp_path: Path, truth: Log) -> None:
     del written["whole"]["time"]
     for name in written["whole"]:  # after the silence, as if nothing had been before
         after = written["parted"][name][written["parted"]["time"] >= logs["whole"].time[0]]
-        np.testing.assert_allclose(after, written["whole"][name], atol=1e-3)
+        np.testing.assert_allclose(after, written["whole"][name], atol=5e-3)  # it was 0.2
 
 
 def test_bad_input_leaves_nothing_behind(tmp_path: Path, truth: Log) -> None:
