@@ -53,6 +53,8 @@ CALLS: dict[str, tuple[Callable[[], Any], str]] = {
     "names for a planner's library": (lambda: Mpc(MODEL, SCENARIO.twin, ["can"]), "names with Assets.*not a list"),
     "folders for a planner's library": (lambda: Mpc(MODEL, SCENARIO.twin, SCENARIO.twin.library), "an Asset for each"),
     "a scenario for a stop monitor": (lambda: StopMonitor(MODEL, SCENARIO, {}), "a Twin .*not a Scenario"),
+    "a name for an effect": (lambda: MODEL.with_effects("payload"), "Effect or EffectSpec.*not a str"),
+    "a number for an effect": (lambda: MODEL.with_effects([1.0]), "Effect or EffectSpec.*not a float"),
     "no effect": (lambda: td.register(int), "derived from Effect"),
     "no sensor": (lambda: td.Ekf(MODEL, td.Filter()).add("imu"), "a Sensor .*not a str"),
 }

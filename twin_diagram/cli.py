@@ -159,7 +159,6 @@ def _add_log_commands(commands: Any) -> None:
     predict.add_argument("--out", required=True, type=Path, help="where the prediction is written, .csv or .npz")
     predict.add_argument("--horizon", type=float, default=0.2, help="length of a rollout [s] (default: %(default)s)")
     _add_columns(predict)
-    _add_torque_constants(predict)
     _add_torque_side(predict)
     _add_packages(predict)
     _add_joints(predict)
@@ -176,7 +175,6 @@ def _add_log_commands(commands: Any) -> None:
     )
     fleet_command.add_fleet_options(gap)
     _add_columns(gap)
-    _add_torque_constants(gap)
     _add_torque_side(gap)
     _add_packages(gap)
     _add_joints(gap)
@@ -184,14 +182,12 @@ def _add_log_commands(commands: Any) -> None:
 
 
 def _add_columns(parser: argparse.ArgumentParser) -> None:
+    """Add what a foreign log means, and what its currents are worth."""
     parser.add_argument(
         "--columns",
         metavar="MAP",
         help="what a foreign log's columns mean: a YAML file or a preset (libfranka, franka_ros, ur_rtde, iiwa_fri, …)",
     )
-
-
-def _add_torque_constants(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--torque-constants",
         nargs="+",
@@ -311,7 +307,7 @@ def _replay(arguments: argparse.Namespace) -> int:
 
     require_packages(*RUN)
     given = (arguments.log, arguments.model, _overrides(arguments), arguments.columns, arguments.joints)
-    scenario = replay_scenario(*given)
+    scenario = replay_scenario(*given, arguments.torque_constants or ())
     places_for(arguments.out, None, None)
     from twin_diagram.runs.early_check import check_given
 

@@ -15,7 +15,7 @@ from twin_diagram import scenario
 from twin_diagram.errors import ArgumentError, LogError, ModelError
 from twin_diagram.logs import Log, check
 from twin_diagram.model.description import add_arm as description
-from twin_diagram.model.effects import realisation, spec_of
+from twin_diagram.model.effects import make, realisation, spec_of
 from twin_diagram.model.effects.parameter_vector import with_values
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import ArmModel, EffectSpec, Pose
@@ -298,6 +298,13 @@ def test_friction_that_the_description_states(tmp_path: Path) -> None:
     (tmp_path / "chain.urdf").write_text(text.replace('friction="1.5"', 'friction="much"'))
     with pytest.raises(ModelError, match=r"chain\.urdf"):
         Model.load(tmp_path / "chain.urdf")
+
+
+def test_effects_may_be_given_as_they_are_specified_one_or_several() -> None:
+    model, spec = Model.load(PANDA), LOAD
+    expected = model.with_effects([make(spec)]).effects
+    for some in (spec, [spec], make(spec)):
+        assert [spec_of(one) for one in model.with_effects(some).effects] == [spec_of(one) for one in expected]
 
 
 @pytest.mark.parametrize("actuators", [["motor"], ["general"], ["velocity"], [], ["motor", "motor"]])

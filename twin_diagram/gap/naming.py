@@ -119,7 +119,8 @@ def investigate(records: Records, progress: Progress | None = None) -> tuple[Ver
 
     say("searching for a name")
     nuisances = [time_delay.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
-    bench = Bench(records.residual, noise, candidates, nuisances, weights, terms.torque_size)
+    moved = ~stiction.unmoved(records)[:, None]
+    bench = Bench(records.residual, noise, candidates, nuisances, weights * moved, terms.torque_size)
     fit = refine(bench, terms, search(bench, PRIOR_COSTS.least, TUNING.most, Proposer(terms), polisher(terms)))
     lap("search")
 
@@ -176,7 +177,7 @@ def second_bench(
     friction = contribution_of(records, bench, fit, without=named - dry_names)
     weights = np.maximum(weights, stiction.turning(records, terms, bench.whitener, friction, dry))
     nuisances = [time_delay.timing_nuisance(terms), *reversal_nuisances.nuisances(terms)]
-    weights = weights * trusted(records, bench, fit)
+    weights = weights * trusted(records, bench, fit) * ~stiction.unmoved(records)[:, None]
     return terms, Bench(records.residual, noise, fresh, nuisances, weights, terms.torque_size)
 
 

@@ -36,6 +36,7 @@ from twin_diagram.model.effects.timing import always, in_run
 from twin_diagram.model.rigid_body import from_plant
 from twin_diagram.model.rigid_body.arm_bodies import ArmBodies, DescribedLinks
 from twin_diagram.model.rigid_body.plant_calls import PlantCalls
+from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
 
@@ -156,12 +157,23 @@ class Model:
             self._runs[mark] = self.with_effects([effect for effect in here if effect is not None])
         return self._runs[mark]
 
-    def with_effects(self, effects: Iterable[Effect]) -> Model:
+    def with_effects(self, effects: Effect | EffectSpec | Iterable[Effect | EffectSpec]) -> Model:
         """Return the same description with other effects; shares the plant, not the scratch.
 
         What the description itself states stays, whether it is among `effects` or not.
+
+        Args:
+            effects: one or several, or what specifies them.
+
+        Raises:
+            ArgumentError: something else.
+            ModelError: see `effects.make`.
         """
-        return Model(self.plant, self.arm, effects)
+        several = effects if isinstance(effects, Iterable) else [effects]
+        made = [make(one) if isinstance(one, EffectSpec) else one for one in several]
+        for one in made:
+            expect(one, Effect, "effects", "one or several of Effect or EffectSpec")
+        return Model(self.plant, self.arm, made)
 
     def make_context(self) -> Context:
         """Return a context of `plant` whose parameters hold what effects change in the rigid model.

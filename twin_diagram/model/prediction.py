@@ -315,25 +315,60 @@ def predict(
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
     even = straightened(measured)
     used = eased(even)
-    smooth = motion(used)
     predicted = {"time": measured.time}
     every = 1 if used is even else max(1, round(1.0 / (TUNING.long_rate * used.period)))
-    arrived = position_predicted(loaded, used, horizon, smooth, every)
+    stretches = [_Stretch.of(loaded, part, horizon, every) for part in _parts(used, horizon)]
+    torque, position = _joined(used, stretches)
     for name, values in (
-        ("torque_predicted", _at(even.time, used.time, torque_predicted(loaded, used, smooth))),
-        ("position_predicted", _at(even.time, used.time, arrived) - turned),
+        ("torque_predicted", _at(even.time, used.time, torque)),
+        ("position_predicted", _at(even.time, used.time, position) - turned),
     ):
         predicted |= {f"{name}.{joint}": values[:, k] for k, joint in enumerate(loaded.joints)}
     write_columns(predicted, out)
     if say is not None:
-        shown = longest(parted(used, horizon + 2.0 * DIFFERENTIATION.residual_cut))
+        shown = longest([one.log for one in stretches[len(stretches) > 1 :]])
         if len(shown) < len(used):  # nobody knows the motion of a silence: what a spline makes of it is no misfit
             say(f"of {shown.time[0]:.2f} to {shown.time[-1]:.2f} s, the longest stretch without a gap:")
-            smooth = motion(shown)
-            arrived = position_predicted(loaded, shown, horizon, smooth, every)
-        for line in _misfit(loaded, shown, smooth, arrived, horizon):
+        for line in next(one for one in stretches if one.log is shown).misfit(loaded, horizon):
             say(line)
     return warnings
+
+
+def _parts(log: Log, horizon: float) -> list[Log]:
+    """Return the stretches of a log without silence; before them all of it, for samples that are in none of them."""
+    parts = parted(log, horizon + 2.0 * DIFFERENTIATION.residual_cut)
+    return parts if len(parts[0]) == len(log) else [log, *parts]
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """What is predicted of a stretch of a log by its own motion alone; arrays (N, n) at its own times."""
+
+    log: Log
+    smooth: Motion
+    torque: Array
+    position: Array
+
+    @staticmethod
+    def of(model: Model, log: Log, horizon: float, every: int) -> _Stretch:
+        """Predict."""
+        smooth = motion(log)
+        position = position_predicted(model, log, horizon, smooth, every)
+        return _Stretch(log, smooth, torque_predicted(model, log, smooth), position)
+
+    def misfit(self, model: Model, horizon: float) -> list[str]:
+        """Return `_misfit` of it."""
+        return _misfit(model, self.log, self.smooth, self.position, horizon)
+
+
+def _joined(log: Log, stretches: Sequence[_Stretch]) -> tuple[Array, Array]:
+    """Return torques and positions (N, n) at a log's times, of the last stretch that each sample is in."""
+    torque, position = (np.empty_like(log.position) for _ in range(2))
+    for one in stretches:
+        inside = (log.time >= one.log.time[0]) & (log.time <= one.log.time[-1])
+        torque[inside] = _at(log.time[inside], one.log.time, one.torque)
+        position[inside] = _at(log.time[inside], one.log.time, one.position)
+    return torque, position
 
 
 def _misfit(model: Model, log: Log, smooth: Motion, arrived: Array, horizon: float) -> list[str]:

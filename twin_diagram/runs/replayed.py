@@ -12,6 +12,7 @@ from pathlib import Path
 from twin_diagram import scenario as schema
 from twin_diagram.errors import TwinError, expect_path
 from twin_diagram.logs import read_log
+from twin_diagram.logs.torque_constants import torque_constants
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import load_scenario, override_scenario
 
@@ -33,6 +34,7 @@ def replay_scenario(
     overrides: Iterable[str] = (),
     columns: str | Path | None = None,
     joints: Sequence[str] = (),
+    constants: Sequence[str] = (),
 ) -> Scenario:
     """Return the scenario that replays a recording, or a bare log with a model of its arm.
 
@@ -42,6 +44,7 @@ def replay_scenario(
         overrides: of the scenario's fields, `field=value`.
         columns: what a bare log's columns mean, see `read_log`.
         joints: of one arm, in order, of a robot that has more; empty: all.
+        constants: of the motors, where a bare log holds currents, see `torque_constants`.
 
     Raises:
         TwinError: no such log, or what goes with the other kind.
@@ -59,6 +62,8 @@ def replay_scenario(
             raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
         if columns is not None:
             raise TwinError(f"--columns goes with a bare log; {log} is a recording and names its own")
+        if constants:
+            raise TwinError(f"--torque-constants goes with a bare log; {log} is a recording and holds torques")
         place = place_of(log)
         if not (place / SCENARIO_FILE).is_file():
             raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
@@ -76,6 +81,9 @@ def replay_scenario(
         scenario = schema.Scenario(twin=twin, duration=float(measured.time[-1] - measured.time[0]))
         if columns is not None:
             scenario.replay.columns = str(Path(columns).resolve() if Path(columns).exists() else columns)
+        if constants:
+            torque_constants(constants)  # what is no number is told at once
+            scenario.replay.torque_constants = [str(Path(c).resolve()) if Path(c).is_file() else c for c in constants]
         scenario = override_scenario(scenario, overrides)
     scenario.station = "replay"
     scenario.replay.log = str(log.resolve())

@@ -1,7 +1,7 @@
 """Stations that are no simulation."""
 
 # No `from __future__ import annotations`: Drake's YAML loader reads the fields' types themselves, not strings.
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from twin_diagram.scenario.field_table import document
 
@@ -15,6 +15,8 @@ class ReplayStation:
     """A measured log, or a recording's folder."""
     columns: str = ""
     """What a foreign log's columns mean: a YAML file or a preset; empty: the log format's own names."""
+    torque_constants: list[str] = field(default_factory=list)
+    """Torque at a joint over the current that a log holds [N·m/A], in the arm's order, as `JOINT=K`, or a YAML file."""
 
 
 @document

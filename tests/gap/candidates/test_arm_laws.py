@@ -27,6 +27,7 @@ from tests.gap.made import (
     torque,
     worn,
 )
+from tests.gap_bench import URDF, arm
 from twin_diagram.gap.candidates import (
     coupled_friction,
     encoder_offset,
@@ -152,16 +153,40 @@ def test_a_payload_is_a_point_where_it_is_found() -> None:
 
 
 def test_how_much_and_how_far_a_payload_may_be() -> None:
-    """0.35 of the arm's length from the link; 1.05 of what the given model carries may be put down."""
+    """0.35 of the arm's length from the link, and not behind the wrist, which is 0.1 m behind the last joint.
+
+    1.05 of what the given model carries may be put down.
+    """
     reach = 0.35 * length()
     for candidate in payload.on_arm(worn()):
         rest = np.zeros(candidate.size - 4)
         for mass in (2.0, -2.0):
             for share, inside in ((0.99, True), (1.01, False)):
-                moment = np.array([0.0, 0.6, -0.8]) * reach * 2.0 * share
+                moment = np.array([0.0, 0.6, 0.8]) * reach * mass * share
                 assert candidate.allows(np.concatenate([[mass], moment, rest])) == inside
+            for behind, inside in ((0.099, True), (0.101, False)):
+                assert candidate.allows(np.array([mass, 0.0, 0.1 * mass, -behind * mass, *rest])) == inside
         for mass, inside in ((-3.14, True), (-3.16, False)):
             assert candidate.allows(np.concatenate([[mass, 0.0, 0.0, 0.0], rest])) == inside
+
+
+def test_where_the_last_joint_swings_its_link_a_payload_may_be_on_either_side(tmp_path: Path) -> None:
+    """The way to the elbow lies across its axis, so that nothing tells where outward is."""
+    model = Model.load(arm(tmp_path))
+    still = np.zeros((500, 2))
+    candidate = payload.payload(terms_of(Records(model, (record(model, np.arange(500) / RATE, still, still, still),))))
+    for side in (0.2, -0.2):
+        assert candidate.allows(np.array([1.0, 0.0, side, 0.0])) and candidate.allows(np.array([1.0, 0.0, 0.0, side]))
+
+
+def test_where_the_joints_of_a_wrist_meet_a_payload_may_be_on_either_side(tmp_path: Path) -> None:
+    """What is left of the way between them is rounding: it had kept a KR300's 150 kg from being named."""
+    path = tmp_path / "meet.urdf"
+    path.write_text(URDF.replace('xyz="0 0 0.4"', 'xyz="1e-16 1e-16 0" rpy="0 1.5707963 0"').replace("0 1 0", "1 1 0"))
+    model, still = Model.load(path), np.zeros((500, 2))
+    candidate = payload.payload(terms_of(Records(model, (record(model, np.arange(500) / RATE, still, still, still),))))
+    for side in (np.eye(3) * 0.1).tolist() + (-np.eye(3) * 0.1).tolist():
+        assert candidate.allows(np.array([1.0, *side]))
 
 
 def test_sizes_that_are_thought_possible_go_with_the_arm() -> None:

@@ -10,16 +10,13 @@ import pytest
 
 from tests.gap.made import ARM, ELBOW, effect, record, swing, swinging
 from twin_diagram.errors import LogError
+from twin_diagram.gap.residuals.log_noise import mean_inertia, noise_above, roughness, shaken, trusted_band
 from twin_diagram.gap.residuals.prepared_logs import (
     Record,
     Records,
-    mean_inertia,
     moves,
     prepare,
-    roughness,
     round_stride,
-    shaken,
-    trusted_band,
     usable,
 )
 from twin_diagram.logs import Log, fingerprint
@@ -96,9 +93,22 @@ def test_the_band_ends_where_position_noise_is_a_third_of_the_torques(
 def test_no_band_is_narrower_than_motion() -> None:
     assert trusted_band(ARM, log_of(4.0, 250.0, 1e-4, 1e-4)) == 8.0
     for rate, known in ((63.0, False), (65.0, True)):
-        assert np.isfinite(trusted_band(ARM, log_of(4.0, rate))) == known, "eight samples per period"
+        log = log_of(4.0, rate)
+        brisk = replace(log, position=log.position + 1e-3 * np.sin(30.0 * log.time)[:, None])
+        assert np.isfinite(trusted_band(ARM, brisk)) == known, "eight samples per period"
+    assert trusted_band(ARM, log_of(20.0, 50.0, 1e-4, 1e-4)) == 4.0, "where nothing moves faster"
     still = log_of(4.0)
     assert trusted_band(ARM, replace(still, position=np.zeros_like(still.position))) == np.inf
+
+
+@pytest.mark.parametrize("band", [4.0, 7.0, 10.0, 20.0])
+def test_noise_above_the_band_is_what_the_residuals_low_pass_leaves_of_it(band: float) -> None:
+    """White on torques, and on positions as it grows with the fourth power of the frequency."""
+    log = log_of(40.0, 250.0, 0.4, 2e-5)
+    f = np.linspace(band, 10.0, 2001)
+    inertial = mean_inertia(ARM, log)[:, None] * 2e-5 * (2.0 * np.pi * f) ** 2
+    wanted = np.sqrt(2.0 / 250.0 * np.trapezoid(0.4**2 + inertial**2, f, axis=1)) if band < 10.0 else np.zeros(6)
+    np.testing.assert_allclose(noise_above(ARM, log, band), wanted, rtol=0.1, atol=1e-12)
 
 
 def test_a_torque_that_is_not_logged_narrows_no_band() -> None:

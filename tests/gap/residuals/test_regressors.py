@@ -11,12 +11,15 @@ import numpy.typing as npt
 import pytest
 
 from twin_diagram.gap.candidates import reversal_nuisances, torque_saturation
+from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals import regressors, stiction
-from twin_diagram.gap.residuals.prepared_logs import prepare, roughness
+from twin_diagram.gap.residuals.log_noise import roughness
+from twin_diagram.gap.residuals.prepared_logs import prepare
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed, turns
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search import stiction_proposals
 from twin_diagram.logs import Log
+from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.model.effects import make
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import ArmModel, EffectSpec
@@ -26,7 +29,7 @@ Array = npt.NDArray[np.float64]
 GIVEN = Model.load(ArmModel(model="arms/ur5e.urdf", tool_frame=""))
 HOME = np.array([0.2, -1.2, 1.3, -0.9, -1.0, 0.3])
 RATE = 250.0
-ELBOW, WRIST = 2, 5
+LIFT, ELBOW, WRIST = 1, 2, 5
 
 
 def log_with(wrist: Array | None = None, asked: Array | None = None) -> Log:
@@ -47,6 +50,41 @@ def log_with(wrist: Array | None = None, asked: Array | None = None) -> Log:
     if asked is not None:
         tau[:, ELBOW] += asked
     return Log(time, GIVEN.joints, q + 2e-6 * rng.normal(size=q.shape), torque=tau)
+
+
+def coarse_log(step: float, rate: float) -> tuple[Log, Array]:
+    """20 s of slow sines, logged by encoders of some step [rad], and the torque without noise."""
+    rng, time = np.random.default_rng(3), np.arange(round(20.0 * rate)) / rate
+    q, v, a = np.tile(HOME, (len(time), 1)), np.zeros((len(time), 6)), np.zeros((len(time), 6))
+    for frequency, size in ((0.06, 0.4), (0.14, 0.2), (0.27, 0.08)):
+        w = 2.0 * np.pi * frequency * rng.uniform(0.8, 1.2, 6)
+        angle = w * time[:, None] + rng.uniform(0.0, 6.0, 6)
+        q += size * np.sin(angle)
+        v += size * w * np.cos(angle)
+        a -= size * w**2 * np.sin(angle)
+    exact = GIVEN.inverse_dynamics(q, v, a)
+    tau = exact + np.array([0.3, 0.3, 0.3, 0.05, 0.05, 0.05]) * rng.normal(size=q.shape)
+    return Log(time, GIVEN.joints, np.round(q / step) * step, torque=tau), exact
+
+
+def test_what_coarse_encoders_do_to_accelerations_is_no_load() -> None:
+    """The residual holds the same noise, so that it would seem to follow the load."""
+    log, exact = coarse_log(1e-4, 100.0)
+    records = prepare(GIVEN, [log])
+    (record,), (load,) = records.records, given_load(records)
+    off = [lowpass(x - exact, record.rate, record.band)[record.kept, LIFT] for x in (record.given, load)]
+    assert record.band == 8.0 and np.std(off[1]) < 0.5 * np.std(off[0])
+    np.testing.assert_array_equal(load[:, 3:], record.given[:, 3:])  # wrists are too light to shake
+    fine = prepare(GIVEN, [coarse_log(1e-6, 100.0)[0]])
+    assert given_load(fine)[0] is fine.records[0].given
+
+
+def test_a_clean_log_of_slow_motion_by_coarse_encoders_lacks_nothing() -> None:
+    """Accelerations are noise above 5 Hz there: it was `unknown`, as the residual followed its own noise."""
+    log, _ = coarse_log(1e-4, 50.0)
+    records = prepare(GIVEN, [log])
+    assert 4.0 <= records.records[0].band < 6.0
+    assert name(GIVEN, [log], records=records).verdict == "none"
 
 
 def terms_of(log: Log) -> Terms:

@@ -89,7 +89,7 @@ def verdict(
 
     monkeypatch.setattr(deciding, "findings_of", findings_of)
     monkeypatch.setattr(deciding, "separations_of", lambda *arguments: ())
-    records: Any = SimpleNamespace(n=3, rate=50.0)
+    records: Any = SimpleNamespace(n=3, rate=50.0, above=np.zeros(3))
     terms: Any = None
     return conclude(records, terms, bench, fit)
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.gap.made import ARM, PAN
 from tests.gap.whole_robot.test_explain import noisy
-from twin_diagram.gap.residuals.stiction import slides
+from tests.gap_bench import arm, run
+from twin_diagram.gap.residuals.stiction import slides, unmoved
 from twin_diagram.gap.whole_robot import late_torque
 from twin_diagram.gap.whole_robot.concluding import own_terms
 from twin_diagram.gap.whole_robot.explain import begun, settled
@@ -20,6 +22,9 @@ from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
 from twin_diagram.gap.whole_robot.pushes import TUNING, pushes
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import terms_of
+from twin_diagram.gap.workflow import run_gap
+from twin_diagram.logs import write_log
+from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 LEVEL = 6.0
@@ -82,3 +87,33 @@ def test_a_joint_that_never_slides_tells_of_no_damping() -> None:
     assert slides(records).tolist() == [False, *[True] * 5]
     assert own_terms(records)[PAN].tolist() == [False, True, True, True]
     assert own_terms(records)[1:].all()
+
+
+def test_a_joint_is_unmoved_that_no_run_moves() -> None:
+    whole, _ = held()
+    (record,) = whole.sums.records.records
+    still = replace(record, q=record.q.copy(), v=record.v.copy())
+    still.q[:, PAN], still.v[:, PAN] = record.q[0, PAN], 0.0
+    assert unmoved(replace(whole.sums.records, records=(still,))).tolist() == [True, *[False] * 5]
+    assert not unmoved(replace(whole.sums.records, records=(still, record))).any()
+    slow = replace(record, v=0.01 * record.v)  # as far, in a hundred times the time
+    assert not unmoved(replace(whole.sums.records, records=(slow,))).any()
+
+
+def test_what_holds_a_joint_that_no_run_moves_has_no_name(tmp_path: Path) -> None:
+    """Motors give 2 N·m more than the elbow weighs: friction may hold it, or a sensor be off."""
+    model, runs = Model.load(arm(tmp_path)), []
+    noise = np.random.default_rng(0)
+    for seed in (1, 2):
+        log = run(model, [], seed)
+        q = log.position.copy()
+        q[:, 1] = -0.6
+        v, a = (np.gradient(x, log.time, axis=0) for x in (q, np.gradient(q, log.time, axis=0)))
+        torque = model.inverse_dynamics(q, v, a) + 0.1 * noise.normal(size=q.shape)
+        torque += 3.0 * np.sign(v) * [1.0, 0.0] + [0.0, 2.0]
+        runs.append(tmp_path / f"held_{seed}.csv")
+        write_log(replace(log, position=q, torque=torque), runs[-1])
+    found = run_gap(arm(tmp_path), runs[0], runs[1])
+    assert [(one.name, one.joints) for one in found.verdict.findings] == [("coulomb_friction", ("shoulder",))]
+    assert found.verdict.remainder and any("elbow: never moves" in note for note in found.notes)
+    assert [place.joint for place in found.verdict.where] == ["shoulder", "elbow"]

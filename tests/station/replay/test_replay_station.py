@@ -16,7 +16,9 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Disc
 
 from twin_diagram.errors import LogError, ScenarioError, StationError
 from twin_diagram.logs import read_log
+from twin_diagram.runs.replayed import replay_scenario
 from twin_diagram.scenario import Camera, CameraDefects, DepthCamera, Fixture, Pose, Scenario, WayPoint, WorldObject
+from twin_diagram.scenario.file import load_scenario, save_scenario
 from twin_diagram.station import make_station, ports
 from twin_diagram.station.replay.recorder import add_recorder, open_recording
 from twin_diagram.station.replay.recording import RecordingWriter
@@ -229,6 +231,25 @@ def test_a_bare_log_is_played_from_its_first_sample(tmp_path: Path) -> None:
     assert abs(read(ports.MEASUREMENT_TIME, 99.0)[0] - 49 * 0.004) < 1e-9
     assert read("camera.image_time", 99.0)[0] < 0
     assert np.isnan(read(ports.GRIPPER_MEASURED, 0.1)).all(), "the log does not tell"
+
+
+def test_currents_are_played_as_torques(tmp_path: Path) -> None:
+    torque = {f"torque_measured.{joint}": None for joint in JOINTS}
+    current = {f"current_measured.{joint}": np.full(50, 0.1 * (k + 1)) for k, joint in enumerate(JOINTS)}
+    log = write_csv(tmp_path / "log.csv", **torque, **current)
+    with pytest.raises(LogError, match="--torque-constants"):
+        make_station(replaying(log))
+    constants = [f"{joint}={10.0 * (k + 1)}" for k, joint in enumerate(JOINTS)]
+    for some in (constants, [str(10 * (k + 1)) for k in range(7)]):
+        plan = replay_scenario(log, "arms/panda_hand.urdf", constants=some)
+        save_scenario(plan, tmp_path / "replay.yaml")
+        station = make_station(load_scenario(tmp_path / "replay.yaml"))
+        context = station.CreateDefaultContext()
+        context.SetTime(0.0225)
+        played = station.GetOutputPort(ports.TORQUE_MEASURED).Eval(context)
+        np.testing.assert_allclose(played, [(k + 1.0) ** 2 for k in range(7)])
+    with pytest.raises(LogError, match="'much' is no torque constant"):
+        replay_scenario(log, "arms/panda_hand.urdf", constants=["much"])
 
 
 def test_an_encoder_of_one_turn_costs_no_jump(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate, transformed
 from twin_diagram.gap.candidates.records import record_of
-from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
+from twin_diagram.gap.residuals.log_noise import TUNING as LOG_NOISE
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects import REGISTRY, Effect, make
@@ -104,7 +104,7 @@ def rattled(terms: Terms, j: int) -> float:
     u = np.linspace(0.0, TUNING.edge, 40)
     lost = 0.0
     for record in terms.records.records:
-        x = max(0.0, record.shaken[j] ** 2 - PREPARED_LOGS.noise_share**2) * u**4
+        x = max(0.0, record.shaken[j] ** 2 - LOG_NOISE.noise_share**2) * u**4
         lost += 0.5 * len(record.kept) * float(np.mean(x / (1.0 + x)))
     return lost
 

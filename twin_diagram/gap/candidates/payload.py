@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +19,21 @@ from twin_diagram.scenario import EffectSpec
 from twin_diagram.signals.arrays import Array
 
 
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand."""
+
+    along: float = 0.5
+    """Share of the way from the joint before that lies along the last joint's axis, from which on it tells where
+    outward is."""
+
+    short: float = 0.03
+    """Share of the arm's reach below which that way tells nothing: where all joints of a wrist meet in a point, say."""
+
+
+TUNING = Tuning()
+
+
 def on_arm(terms: Terms) -> list[Candidate]:
     """Return a point and a body at the last link."""
     return [payload(terms), bulky_payload(terms)]
@@ -31,10 +47,6 @@ def payload(terms: Terms, centre: Array | None = None) -> Candidate:
     if centre is not None:
         columns[..., 0] += full[..., 4:] @ _turned(centre, centre)
     spread = inertia_spread(terms)[:4]
-    far = 0.35 * reach(terms)
-
-    def admits(c: Array) -> bool:
-        return bool(np.linalg.norm(c[1:]) <= far * abs(c[0]))
 
     def values(c: Array) -> dict[str, Array]:
         return {"mass": c[0:1], "com": c[1:4] / c[0]}
@@ -50,8 +62,32 @@ def payload(terms: Terms, centre: Array | None = None) -> Candidate:
         lower=np.array([least, -np.inf, -np.inf, -np.inf]),
         upper=np.full(4, np.inf),
         parameters=transformed(values),
-        admits=admits,
+        admits=within_reach(terms, body),
     )
+
+
+def within_reach(terms: Terms, body: int) -> Callable[[Array], bool]:
+    """Return whether mass and first moment are of something that the last link can hold.
+
+    It is near the link, and not behind the wrist: where the last joint turns about the way to it from the joint before,
+    what turns with it does not lie beyond that one.
+    """
+    model, far = terms.records.model, 0.35 * reach(terms)
+    tree, (_, X_ML) = model.tree, model.bodies.body_of(model.last_link)
+    from_before = tree.R_PF[body].T @ tree.p_PF[body]
+    ahead = float(from_before @ tree.axis[body])
+    least = max(TUNING.along * float(np.linalg.norm(from_before)), TUNING.short * reach(terms))
+    wrist = tree.revolute[body] and tree.parent[body] >= 0 and abs(ahead) > least
+    back = abs(ahead) if wrist else np.inf
+    outward = np.sign(ahead) * tree.axis[body]
+
+    def admits(c: Array) -> bool:
+        mass = abs(c[0])
+        moment = np.sign(c[0]) * (X_ML.rotation().matrix() @ c[1:4]) + mass * X_ML.translation()
+        behind = -float(outward @ moment) > back * mass
+        return bool(np.linalg.norm(c[1:4]) <= far * mass) and not behind
+
+    return admits
 
 
 def payload_about(terms: Terms, centre: Array) -> Candidate:
@@ -85,7 +121,6 @@ def bulky_payload(terms: Terms) -> Candidate:
         spread=inertia_spread(terms),
         lower=np.concatenate([point.lower, np.full(6, -np.inf)]),
         upper=np.full(10, np.inf),
-        admits=lambda c: bool(np.linalg.norm(c[1:4]) <= 0.35 * reach(terms) * abs(c[0])),
         variant="bulky",
     )
 

@@ -235,7 +235,7 @@ def equation_error(hypothesis: Hypothesis, records: Records, *, coloured: bool =
     for _ in range(TUNING.colours):  # what a rough model leaves is no noise
         noise = whitening.estimate(left(start), records.lengths, len(start) / records.n, order=order)
         dry = stiction.dry_joints(Records(hypothesis.model(start), records.records))
-        weights = stiction.moving(records, terms, noise, dry)
+        weights = stiction.moving(records, terms, noise, dry) * ~stiction.unmoved(records)[:, None]
 
         def residual(vector: Array, noise: whitening.Whitener = noise, weights: Array = weights) -> Array:
             try:

@@ -13,9 +13,9 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import uniform_filter1d
 
 from twin_diagram.errors import LogError, expect
+from twin_diagram.gap.residuals.log_noise import noise_above, roughness, shaken, trusted_band
 from twin_diagram.logs import Log, fingerprint, uniform
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import inner, lowpass, motion
@@ -42,18 +42,6 @@ class Tuning:
 
     spare: float = 2.5
     """Times that rate that is not yet too much."""
-
-    least_band: float = 8.0
-    """Motion of arms and the edges of dry friction need at least this [Hz]."""
-
-    noise_share: float = 0.3
-    """Inertial torque of position noise, over the torque's own, at the band's edge."""
-
-    spell: float = 0.1
-    """A joint whose encoder says the same for so long rests [s]."""
-
-    outlying: float = 0.01
-    """Share of samples that may be outliers."""
 
     shortest: float = 2.0
     """A log that is fitted must have this much left after its ends are cut [s]."""
@@ -92,6 +80,7 @@ class Record:
         kept: (D,) indices of the samples that are left.
         period: the log's own median time between samples [s].
         compared: edge of a closer low-pass, at which what is reduced is compared [Hz].
+        above: (n,) see `noise_above` [N·m].
     """
 
     index: int
@@ -110,6 +99,7 @@ class Record:
     kept: npt.NDArray[np.int64]
     period: float
     compared: float = np.inf
+    above: Array | float = 0.0
 
     def reduce(self, signal: Array) -> Array:
         """Return a full-rate signal (N, …) filtered and thinned to (D, …)."""
@@ -212,6 +202,11 @@ class Records:
         return np.concatenate([record.times for record in self.records])
 
     @cached_property
+    def above(self) -> Array:
+        """(n,) see `noise_above`, of the log that has most [N·m]."""
+        return np.max([np.broadcast_to(record.above, self.n) for record in self.records], axis=0)
+
+    @cached_property
     def owner(self) -> npt.NDArray[np.int64]:
         """(ΣD,) which record each sample is of."""
         return np.repeat(np.arange(len(self.records)), self.lengths)
@@ -238,57 +233,6 @@ def prepare(model: Model, logs: Sequence[Log]) -> Records:
     band = min(TUNING.band, 0.2 * rate, *(trusted_band(model, log) for log in regular))
     kept = zip(regular, strides(regular, band), strict=True)
     return Records(model, tuple(_record(model, log, index, band, every) for index, (log, every) in enumerate(kept)))
-
-
-def trusted_band(model: Model, log: Log) -> float:
-    """Return the frequency [Hz] up to which position noise, as inertial torque, stays well below the torque's noise.
-
-    White position noise of density S becomes inertial torque of I² (2π f)⁴ S. Regressors that hold a good part of it
-    would be biased towards zero.
-    """
-    rate = 1.0 / log.period
-    if rate < 8.0 * TUNING.least_band:
-        return np.inf
-    density = []
-    for signal in (log.position, log.motor_torque):
-        rough = np.diff(signal, 4, axis=0) / np.sqrt(70.0)  # of white noise, the same variance
-        density.append(np.median(np.abs(rough), axis=0) / 0.6745)
-    inertia = mean_inertia(model, log)
-    logged = np.ptp(log.motor_torque, axis=0) > 0.0  # a torque that never changes tells of no noise
-    noisy = logged & (density[0] > 0.0)
-    if not np.any(noisy):
-        return np.inf
-    square = TUNING.noise_share * density[1][noisy] / (inertia[noisy] * density[0][noisy])
-    return float(max(TUNING.least_band, np.min(np.sqrt(square)) / (2.0 * np.pi)))
-
-
-def shaken(model: Model, log: Log, band: float) -> Array:
-    """Return (n,) what `Record.shaken` holds: position noise as inertial torque, over the torque's own noise."""
-    noise, own = (roughness(signal, log.period) for signal in (log.position, log.motor_torque))
-    return np.asarray(mean_inertia(model, log) * noise * (2.0 * np.pi * band) ** 2 / np.maximum(own, 1e-12))
-
-
-def mean_inertia(model: Model, log: Log) -> Array:
-    """Return (n,) of what each joint moves, along a log [kg·m²]."""
-    coarse = log.position[:: max(1, len(log) // 50)]
-    return np.asarray(np.mean(np.diagonal(model.tree.mass_matrix(coarse), axis1=1, axis2=2), axis=0))
-
-
-def roughness(signal: Array, period: float) -> Array:
-    """Return (n,) standard deviation of the white noise in smooth signals (N, n), sampled every `period` seconds.
-
-    Rests, in which an encoder says nothing, and the largest differences do not count.
-    """
-    rough = np.abs(np.diff(signal, 4, axis=0)) / np.sqrt(70.0)  # of white noise, the same variance
-    told = (rough > 1e-9 * np.ptp(signal, axis=0)).astype(float)
-    heard = uniform_filter1d(told, round(TUNING.spell / period) + 1, axis=0) > 0.0
-    result = np.zeros(signal.shape[1])
-    for j in range(signal.shape[1]):
-        part = rough[heard[:, j], j]
-        if len(part):
-            usual = part[part <= np.quantile(part, 1.0 - TUNING.outlying)]
-            result[j] = np.sqrt(np.mean(usual**2))
-    return result
 
 
 def usable(log: Log, shortest: float = TUNING.shortest) -> float:
@@ -382,4 +326,5 @@ def _record(model: Model, log: Log, index: int, band: float, stride: int) -> Rec
         shaken=shaken(model, smooth.log, band),
         kept=kept,
         period=log.period,
+        above=noise_above(model, smooth.log, band),
     )

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from twin_diagram.gap.residuals.log_noise import TUNING as LOG_NOISE
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.model.dynamics.onsets import stretches
@@ -32,6 +33,9 @@ class Tuning:
 
     lever: float = 0.25
     """Metres that a prismatic joint slides where a revolute one would turn by a radian: gears and rims are so large."""
+
+    load_band: float = 4.0
+    """What arms carry changes more slowly than this [Hz]."""
 
     brief: float = 0.08
     """A joint that turns within this time sticks for a moment at most [s]."""
@@ -242,8 +246,22 @@ def present(records: Records) -> Present:
 
 
 def given_load(records: Records) -> tuple[Array, ...]:
-    """Return the given model's torques, as a first guess of the transmitted ones."""
-    return tuple(record.given for record in records.records)
+    """Return the given model's torques, as a first guess of the transmitted ones, free of position noise.
+
+    Coarse encoders at slow rates shake accelerations by more than torques tell. The residual holds the same noise, so
+    that it would seem to follow the load.
+    """
+    return tuple(_unshaken(record) for record in records.records)
+
+
+def _unshaken(record: Record) -> Array:
+    """Return (N, n) a record's given torque below the frequency to which its noise stays well below the torque's."""
+    shaken = np.flatnonzero(record.shaken > LOG_NOISE.noise_share)
+    result = record.given.copy() if len(shaken) else record.given
+    for j in shaken:
+        trusted = record.band * float(np.sqrt(LOG_NOISE.noise_share / record.shaken[j]))
+        result[:, j] = lowpass(record.given[:, j], record.rate, max(TUNING.load_band, trusted))
+    return result
 
 
 def rate_of(signal: Array, record: Record) -> Array:

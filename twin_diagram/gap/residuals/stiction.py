@@ -61,6 +61,9 @@ class Tuning:
     fewest: float = 0.3
     """Joints that move for less than this share of the time keep all their samples, unless they are known to stick."""
 
+    gives: float = 0.02
+    """A joint that is held gives way by less than this, all in all [rad]."""
+
     least: float = 0.1
     """The same of two joints and the sum of their speeds, which is known to stick."""
 
@@ -151,6 +154,16 @@ def slides(records: Records) -> npt.NDArray[np.bool_]:
     """Return (n,) whether a joint ever moves faster than one that is held may give way."""
     fastest = np.max([np.max(np.abs(record.v), axis=0) for record in records.records], axis=0)
     return np.asarray(fastest > REGRESSORS.rest * levers(records))
+
+
+def unmoved(records: Records) -> npt.NDArray[np.bool_]:
+    """Return (n,) which joints no run moves: friction may hold any torque there, and no run tells it from another.
+
+    Where no joint moves farther, motion is small, and all of it counts.
+    """
+    way = np.max([np.ptp(record.q, axis=0) for record in records.records], axis=0)
+    still = ~slides(records) & (way < TUNING.gives * levers(records))
+    return np.asarray(still & ~np.all(still))
 
 
 def clear(records: Records, terms: Terms, j: int) -> Array:

@@ -123,7 +123,8 @@ class Bench:
 
     def compatible(self, members: Members, k: int) -> bool:
         """Return whether a candidate may join a hypothesis."""
-        return compatible([self.candidates[m] for m in members], self.candidates[k])
+        new = self.candidates[k]
+        return self.solver.told(new) and compatible([self.candidates[m] for m in members], new)
 
     def solve(self, members: Members) -> HypothesisFit:
         """Return the fit of a hypothesis; remembered."""

@@ -128,9 +128,13 @@ class HypothesisSolver:
             evidence -= self._zero
         else:
             self._zero, evidence = evidence, 0.0
-        if not _physical(self._candidates, order, c):
+        if not (_physical(self._candidates, order, c) and all(self.told(self._candidates[k]) for k in members)):
             evidence = -np.inf
         return HypothesisFit(members, evidence, c, covariance, order, variance)
+
+    def told(self, candidate: Candidate) -> bool:
+        """Return whether each joint that a candidate names has samples that count."""
+        return bool(np.all(self._counts[list(candidate.joints)] > 1.0))
 
     def _widths(self, order: tuple[int, ...], c: Array, variance: Array, spread: Array) -> tuple[Array, int]:
         """Return the prior widths of all coefficients, and how many members have one that is worth its price."""

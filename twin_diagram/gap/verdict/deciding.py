@@ -142,10 +142,10 @@ def negligible(finding: Finding, findings: Sequence[Finding], share: float, stru
     )
 
 
-def redness(noise: whitening.Whitener, rate: float) -> float:
-    """Return how much denser noise is at slow motion's frequencies than above them, on the worst joint."""
+def redness(noise: whitening.Whitener, rate: float, told: npt.NDArray[np.bool_] | slice = slice(None)) -> float:
+    """Return how much denser noise is at slow motion's frequencies than above them, on the worst of the joints told."""
     z = np.exp(-2j * np.pi / rate * np.outer(np.arange(noise.order + 1), np.concatenate([SLOW, FAST])))
-    density = np.abs(noise.filters @ z) ** -2.0
+    density = np.abs(noise.filters[told] @ z) ** -2.0
     return float(np.max(np.mean(density[:, : len(SLOW)], axis=1) / np.mean(density[:, len(SLOW) :], axis=1)))
 
 
@@ -191,11 +191,11 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -
         TUNING.level + TUNING.of_few / np.maximum(bench.counts, 1.0) if fit.members else TUNING.far_above
     )
     structure = left.statistic > TUNING.remainder or bool(np.any(raised))
-    noise = whitening.noise_below(bench.whitener, records.rate)
+    noise = np.hypot(whitening.noise_below(bench.whitener, records.rate), records.above)
     findings: tuple[Finding, ...] = ()
     separation: tuple[Separation, ...] = ()
     if fit.members:
-        red = redness(bench.whitener, records.rate) > TUNING.red
+        red = redness(bench.whitener, records.rate, bench.counts > 1.0) > TUNING.red
         structure = structure or left.statistic > TUNING.beside or red
         findings = findings_of(records, bench, fit)
         less = trimmed(bench, fit) if structure else fit

@@ -13,6 +13,7 @@ from twin_diagram.gap.correction.held_out_onsets import with_held_onsets
 from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records
+from twin_diagram.gap.residuals.stiction import unmoved
 from twin_diagram.gap.whole_robot import found_before, taking_over
 from twin_diagram.gap.whole_robot.coarse_torque import in_coarse_steps
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
@@ -53,6 +54,32 @@ class Explanation:
 
 
 def explained(
+    given: Model,
+    logs: Sequence[Log],
+    held: Log,
+    records: Records,
+    notes: list[str],
+    say: Say,
+    standing: corrected_folder.CorrectedStanding,
+) -> Explanation:
+    """Return what is found, and say of joints that no run moves that nothing tells what holds them; `notes` grow.
+
+    Arguments as of `looked_for`.
+    """
+    found = looked_for(given, logs, held, records, notes, say, standing)
+    still = unmoved(records)
+    if not np.any(still) or found.verdict.recorded is not None:
+        return found
+    joints = ", ".join(joint for joint, one in zip(given.joints, still, strict=True) if one)
+    notes.append(f"{joints}: never moves in the fitted runs, so friction may hold any torque there: nothing is named")
+    left = np.exp(taking_over.size_of(found.corrected, logs))
+    verdict = found.verdict
+    if np.any((left > taking_over.TUNING.above * verdict.noise_floor)[still]):
+        verdict = replace(verdict, remainder=True) if verdict.findings else nameless(verdict)
+    return replace(found, verdict=verdict)
+
+
+def looked_for(
     given: Model,
     logs: Sequence[Log],
     held: Log,

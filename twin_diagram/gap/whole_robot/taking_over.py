@@ -9,7 +9,8 @@ import numpy as np
 
 from twin_diagram.gap.findings import Place, Verdict
 from twin_diagram.gap.residuals import whitening
-from twin_diagram.gap.residuals.prepared_logs import Records, roughness
+from twin_diagram.gap.residuals.log_noise import roughness
+from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.verdict.locating import locate
 from twin_diagram.gap.whole_robot.concluding import WholeRobot

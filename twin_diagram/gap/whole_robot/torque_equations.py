@@ -215,6 +215,7 @@ def equations(records: Records) -> TorqueEquations:
     records = replace(records, records=tuple(same))
     terms = Terms(records, given_load(records), slow_speed(records))
     weights = stiction.sliding(records, terms, range(records.n)) * np.repeat(told, [len(k) for k in kept], axis=0)
+    weights *= ~stiction.unmoved(records)
     columns = np.concatenate([_columns(records, r, sign) for r, sign in zip(records.records, terms.signs, strict=True)])
     motion = np.hstack(records.motion[:2])
     gaps = np.concatenate([np.arange(len(k)) == 0 for k in kept])

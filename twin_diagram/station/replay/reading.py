@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from twin_diagram import logs
 from twin_diagram.errors import LogError, ScenarioError, StationError
+from twin_diagram.logs.torque_constants import torque_constants
 from twin_diagram.scenario import Camera
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station.ports import SENSOR_SIZE
@@ -284,7 +285,13 @@ def recorded_until(folder: Path) -> float:
     return float(max(ends))
 
 
-def read_log(path: Path, joints: Sequence[str], revolute: npt.NDArray[np.bool_], columns: str = "") -> Messages:
+def read_log(
+    path: Path,
+    joints: Sequence[str],
+    revolute: npt.NDArray[np.bool_],
+    columns: str = "",
+    constants: Sequence[str] = (),
+) -> Messages:
     """Return a measured log in the project's format, its times counted from its first sample.
 
     Angles go on where they jump by a turn. Where it has no `velocity_estimated`, that is the backward difference of
@@ -295,12 +302,15 @@ def read_log(path: Path, joints: Sequence[str], revolute: npt.NDArray[np.bool_],
         joints: of the twin's arm, all of which must be in it; n is their number.
         revolute: (n,) which of them turn.
         columns: what a foreign log's columns mean, as `twin_diagram.logs.read_log` takes it; empty: nothing to say.
+        constants: of the motors, where the log holds currents, as `torque_constants` takes them; empty: it does not.
 
     Raises:
         LogError: see `twin_diagram.logs.read_log`; a joint or the torque is missing.
     """
     try:
-        log, _ = logs.unwrapped(logs.read_log(path, columns or None).select(joints), revolute)
+        measured = logs.read_log(path, columns or None)
+        measured = torque_constants(constants).applied(measured, joints) if constants else measured
+        log, _ = logs.unwrapped(measured.select(joints), revolute)
         torque = log.motor_torque
     except LogError as error:
         raise LogError(f"replay.log: {error}") from error

@@ -235,7 +235,7 @@ class ReplayArmStation(Diagram):
             scans = read_scans(folder, manifest, scenario.twin.lidar)
         else:
             revolute = ~np.isin(arm.joints, list(arm.prismatic(plant)))
-            messages = read_log(path, arm.joints, revolute, scenario.replay.columns)
+            messages = read_log(path, arm.joints, revolute, scenario.replay.columns, scenario.replay.torque_constants)
             frames = read_frames(path.parent, None, camera)
         self.end = float(messages.delivery[-1])
         n, g = len(arm.joints), len(arm.gripper_joints)
