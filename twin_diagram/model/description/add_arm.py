@@ -296,7 +296,7 @@ def _choose(
     fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and _is_finger(joint, movable)]
     held = {int(joint.index()) for joint in fingers}
     links = [joint for joint in driven if int(joint.index()) not in held]
-    arm = _by_name(spec.joints, movable, "joints") if spec.joints else _from_the_base(links or driven, every)
+    arm = _by_name(spec.joints, movable, "joints") if spec.joints else joint_tree.from_the_base(links or driven, every)
     if not arm:
         raise ModelError(f"{spec.model}: has no revolute or prismatic joint")
     if spec.gripper_joints:
@@ -322,16 +322,6 @@ def _refuse_carried(
                     f"{spec.model}: joint {name!r} follows {following[name].leader!r} and carries {joint.name()!r}; "
                     "such an arm is not modelled, unless `joints` names it as one that is driven"
                 )
-
-
-def _from_the_base(joints: list[Joint], every: Sequence[Joint]) -> list[Joint]:
-    """Return joints from the base on where they are one chain, however the file lists them, else as they are."""
-    above = joint_tree.carriers(every)
-    wanted = {int(joint.index()) for joint in joints}
-    depths = [sum(int(each.index()) in wanted for each in above(joint)) for joint in joints]
-    if sorted(depths) != list(range(len(joints))):
-        return joints
-    return [joints[k] for k in np.argsort(depths)]
 
 
 def _is_finger(joint: Joint, movable: Sequence[Joint]) -> bool:

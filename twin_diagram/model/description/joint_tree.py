@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
 from pydrake.multibody.tree import Joint
 
 from twin_diagram.errors import ModelError
@@ -25,6 +26,16 @@ def carriers(every: Sequence[Joint]) -> Callable[[Joint], list[Joint]]:
         return found
 
     return above
+
+
+def from_the_base(joints: list[Joint], every: Sequence[Joint]) -> list[Joint]:
+    """Return joints from the base on where they are one chain, however the file lists them, else as they are."""
+    above = carriers(every)
+    wanted = {int(joint.index()) for joint in joints}
+    depths = [sum(int(each.index()) in wanted for each in above(joint)) for joint in joints]
+    if sorted(depths) != list(range(len(joints))):
+        return joints
+    return [joints[k] for k in np.argsort(depths)]
 
 
 def refuse_loops(path: str, every: Sequence[Joint]) -> None:
