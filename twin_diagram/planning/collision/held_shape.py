@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_diagram.planning.collision.ball_cover import TUNING as BALL_COVER
 from twin_diagram.planning.collision.ball_cover import Balls, box_cover
-from twin_diagram.planning.collision.collision_scene import Scene
+from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.collision.convex_solids import bounding_box
 from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
 from twin_diagram.signals.arrays import Array
@@ -93,5 +93,20 @@ def obstacles_beside(
         for row, thing in zip(seen, things_of(things), strict=True):
             if thing.stands and misnamed(thing.middle + thing.shift):
                 row[:] = 0.0
+        things = seen.ravel()
+    return rows.ravel(), further, things
+
+
+def at_rest(tracks: Array, further: Array | None, things: Array | None) -> tuple[Array, Array | None, Array | None]:
+    """Return tracks and things without those that move, for a hand that gives way to none; see `obstacles_beside`."""
+    rows = tracks.reshape(-1, TRACK_SIZE).copy()
+    rows[Forecast.of_tracks(rows).moving, 0] = float(ObjectStatus.GONE)
+    if further is not None and len(further):
+        more = further.reshape(-1, FURTHER_TRACK_SIZE).copy()
+        more[Forecast.of_tracks(more[:, OWNER_SIZE:]).moving, 0] = 0.0
+        further = more.ravel()
+    if things is not None and np.isfinite(things).all():
+        seen = things.reshape(-1, THING_SIZE).copy()
+        seen[[bool(thing.velocity.any()) for thing in things_of(things)]] = 0.0
         things = seen.ravel()
     return rows.ravel(), further, things

@@ -71,8 +71,8 @@ def check_places(task: Task, library: Mapping[str, Asset], fixtures: Sequence[tu
         every = [solid for _, solids in fixtures for solid in solids]
         within = float(np.clip(step.position_tolerance, *TUNING.fall))
         if every and not borne(pieces, X_WO[:3, 3], every, within):
-            why = f"{held} would fall: no fixture bears it within {1e3 * within:.3g} mm (other objects do not count)"
-            why += f", {where}; {own}"
+            why = f"{held} would fall or tip: no fixture bears its middle within {1e3 * within:.3g} mm (other objects"
+            why += f" do not count), {where}; {own}"
             raise ScenarioError(f"twin.task.steps.{index}.goal", why)
 
 

@@ -66,7 +66,7 @@ def lower(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     state, there = arrived(state, seen, step)
     if not there:
         return state
-    state = replace(state, hand=Hand(touched=step.target), opened=1.0, image=seen.now, elsewhere=0)
+    state = replace(state, hand=Hand(touched=step.target, around=True), opened=1.0, image=seen.now, elsewhere=0)
     state = state.noting(Note.RELEASED, seen.now)
     return state.entering(Phase.OPEN, seen.now, state.goal)
 
