@@ -295,8 +295,8 @@ class Mpc(ModelUser[Model]):
                 chain = planner.scene.chain
                 X_WT = chain.tool(chain.place(arm[None, : self._n]))[0]
                 tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
-            if hand.around:
-                tracks, further, things = at_rest(tracks, further, things)
+                if hand.around:
+                    tracks, further, things = at_rest(X_WT[:3, 3], tracks, further, things)
             if hand.held != NOTHING:
                 planner = planner.holding(replace(hand, touched=NOTHING).pack().tobytes())
         return planner, arm, tracks, further, things

@@ -30,6 +30,9 @@ class Tuning:
     """What is seen within an object's radius and this of where the hand is about it is that object [m]: half covered
     by the fingers it may look like something else."""
 
+    at_fingers: float = 0.10
+    """What has its middle nearer than this to the tool is at the fingers [m]: half of a hand's width."""
+
 
 TUNING = Tuning()
 
@@ -97,8 +100,14 @@ def obstacles_beside(
     return rows.ravel(), further, things
 
 
-def at_rest(tracks: Array, further: Array | None, things: Array | None) -> tuple[Array, Array | None, Array | None]:
-    """Return tracks and things without those that move, for a hand that gives way to none; see `obstacles_beside`."""
+def at_rest(
+    p_WT: Array, tracks: Array, further: Array | None, things: Array | None
+) -> tuple[Array, Array | None, Array | None]:
+    """Return tracks and things without those that move, for a hand at `p_WT` (3) that gives way to none.
+
+    An unknown thing at the fingers themselves stays: mostly a part of what they let go, and to be backed out of. Other
+    arguments as of `obstacles_beside`.
+    """
     rows = tracks.reshape(-1, TRACK_SIZE).copy()
     rows[Forecast.of_tracks(rows).moving, 0] = float(ObjectStatus.GONE)
     if further is not None and len(further):
@@ -107,6 +116,8 @@ def at_rest(tracks: Array, further: Array | None, things: Array | None) -> tuple
         further = more.ravel()
     if things is not None and np.isfinite(things).all():
         seen = things.reshape(-1, THING_SIZE).copy()
-        seen[[bool(thing.velocity.any()) for thing in things_of(things)]] = 0.0
+        for row, thing in zip(seen, things_of(things), strict=True):
+            far = float(np.linalg.norm(thing.middle + thing.shift - p_WT)) > TUNING.at_fingers
+            row[:] = 0.0 if far and thing.velocity.any() else row
         things = seen.ravel()
     return rows.ravel(), further, things
