@@ -57,9 +57,9 @@ def test_what_moves_is_left_out_and_what_stands_is_not() -> None:
     now = (ObjectStatus.TRACKED, 0.0, 0.0, np.zeros(3), (np.eye(4, 3),))
     rows = np.concatenate([Thing(1, *now).pack(), Thing(2, *now, np.array([0.2, 0.0, 0.0])).pack()])
     assert rows.shape == (2 * THING_SIZE,)
-    seen, more, things = at_rest(np.array([0.3, 0.0, 0.1]), tracks.ravel(), further.ravel(), rows)
+    seen, more, things = at_rest(np.array([0.3, 0.8, 0.1]), tracks.ravel(), further.ravel(), rows)
     assert Forecast.of_tracks(seen).present[[0, MOVER]].tolist() == [True, False]
     assert more is not None and (more.reshape(2, -1)[:, 0] > 0.0).tolist() == [True, False]
     assert things is not None and [thing.stands for thing in things_of(things)] == [True, False]
-    things = at_rest(np.array([0.0, 0.0, 0.05]), tracks.ravel(), None, rows)[2]
+    things = at_rest(np.array([1.0, 0.0, 0.05]), tracks.ravel(), None, rows)[2]
     assert things is not None and all(thing.stands for thing in things_of(things)), "it is backed out of"

@@ -30,8 +30,9 @@ class Tuning:
     """What is seen within an object's radius and this of where the hand is about it is that object [m]: half covered
     by the fingers it may look like something else."""
 
-    at_fingers: float = 0.10
-    """What has its middle nearer than this to the tool is at the fingers [m]: half of a hand's width."""
+    at_fingers: float = 0.07
+    """What comes nearer than this to the tool is at the fingers [m]: open they reach so far to either side, and what is
+    5 cm beside the flat of the hand is farther."""
 
 
 TUNING = Tuning()
@@ -117,7 +118,10 @@ def at_rest(
     if things is not None and np.isfinite(things).all():
         seen = things.reshape(-1, THING_SIZE).copy()
         for row, thing in zip(seen, things_of(things), strict=True):
-            far = float(np.linalg.norm(thing.middle + thing.shift - p_WT)) > TUNING.at_fingers
-            row[:] = 0.0 if far and thing.velocity.any() else row
+            if not thing.velocity.any():
+                continue
+            corners = np.concatenate([thing.middle[None], *thing.pieces]) + thing.shift
+            if np.linalg.norm(corners - p_WT, axis=1).min() > TUNING.at_fingers:
+                row[:] = 0.0
         things = seen.ravel()
     return rows.ravel(), further, things
