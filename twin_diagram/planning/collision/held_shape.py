@@ -79,7 +79,10 @@ def obstacles_beside(
     if not about:
         return tracks, further, things
     rows = tracks.reshape(-1, TRACK_SIZE).copy()
-    places = [(X_WT @ as_matrix(hand.X_TO))[:3, 3] if k == hand.held else rows[k, 6:9].copy() for k in about]
+    # What the fingers are around is there, also when an image that shows it as something unknown calls it gone.
+    lost = hand.around & np.isin(rows[:, 0], [float(ObjectStatus.UNSEEN), float(ObjectStatus.GONE)])
+    in_hand = (X_WT @ as_matrix(hand.X_TO))[:3, 3]
+    places = [in_hand if k == hand.held or lost[k] else rows[k, 6:9].copy() for k in about]
     reach = [float(radii[k]) + TUNING.misnamed for k in about]
     rows[about, 0] = float(ObjectStatus.GONE)
 
