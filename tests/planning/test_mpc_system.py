@@ -543,6 +543,7 @@ def test_what_is_held_is_in_the_first_plan_and_out_of_the_first_after_release(
     X_WT = model.tool_pose(HOME)
     place = X_WT.translation() - [0.0, 0.0, 0.03]
     tracks[can] = track_of((float(place[0]), float(place[1]), float(place[2])))
+    tracks[-1] = track_of((0.6, -0.3, 0.12), (0.0, 0.2))
     state = np.concatenate([HOME, np.zeros(7)])
     below = np.array([*X_WT.rotation().ToQuaternion().wxyz(), *(X_WT.translation() - [0.0, 0.0, 0.06])])
     for name, value in (("arm_state", state), ("tracks", tracks.ravel()), ("parameters", np.zeros(4)), ("goal", below)):
@@ -558,12 +559,15 @@ def test_what_is_held_is_in_the_first_plan_and_out_of_the_first_after_release(
     arm = ArmTorque(model, mpc.planner.scene.chain, np.zeros(4))
     free = tracks.copy()
     free[can, 0] = ObjectStatus.GONE
+    still = free.copy()
+    still[-1, 0] = ObjectStatus.GONE
     steps = [
         (Hand(), mpc.planner, tracks),
         (Hand(touched=can), mpc.planner, free),
         (held, carrying, free),
         (Hand(touched=can), mpc.planner, free),
         (Hand(), mpc.planner, tracks),
+        (Hand(touched=can, around=True), mpc.planner, still),
     ]
     for k, (hand, planner, seen) in enumerate(steps):
         mpc.GetInputPort("hand").FixValue(context, hand.pack())

@@ -133,7 +133,7 @@ def test_the_objective_is_the_sum_over_the_motion(optimiser: Optimiser) -> None:
 
 
 def test_the_constraints_are_those_of_the_motion(optimiser: Optimiser, scene: Scene) -> None:
-    """Rest at the end, limits at the knots, and distances linearised about the guess with a slack per sample."""
+    """Rest at the end, limits at knots, of speed between, and distances about the guess with a slack per sample."""
     rng = np.random.default_rng(2)
     m, n = len(optimiser.samples), 7
     q0, v0, a0 = HOME, 0.2 * rng.standard_normal(n), rng.standard_normal(n)
@@ -143,12 +143,12 @@ def test_the_constraints_are_those_of_the_motion(optimiser: Optimiser, scene: Sc
     margins = rng.uniform(0.02, 0.08, (m, len(scene.clearance.bodies) + 1))
     base = q0 + optimiser.samples[:, None] * v0 + optimiser._P0[:, None] * a0
     speed = v0 + optimiser._V0[:, None] * a0
-    rows = optimiser._rows(base, speed, guess, np.zeros((m, n)), contacts, margins)
+    rows = optimiser._rows(base, speed, guess, contacts, margins)
     x = rng.standard_normal((KNOTS - 2, n))
     motion = Trajectory(0.0, STEP, q0, v0, np.vstack([a0, x, np.zeros(n)]))
     q = motion.at(optimiser.samples)[0]
     knots = STEP * np.arange(1, KNOTS)
-    at_knots, end = motion.at(knots[:-1])[1], motion.at(np.array([motion.end - 1e-9]))[1][0]
+    speeds, end = motion.at(optimiser.samples[:-1])[1], motion.at(np.array([motion.end - 1e-9]))[1][0]
     np.testing.assert_allclose(optimiser._V[-1] @ x + speed[-1], end, atol=1e-6)
 
     missing = contacts.distance - margins[contacts.row, contacts.body]
@@ -162,8 +162,8 @@ def test_the_constraints_are_those_of_the_motion(optimiser: Optimiser, scene: Sc
     np.testing.assert_array_equal(rows.slack[:count], row)
     assert (rows.high[:count] == np.inf).all() and (rows.slack[count:] == -1).all()
     places = motion.at(knots - 1e-12)[0]
-    above = np.vstack([x + 5.0, at_knots + 1.5, places - optimiser.limits.lower]).ravel()
-    below = np.vstack([5.0 - x, 1.5 - at_knots, optimiser.limits.upper - places]).ravel()
+    above = np.vstack([x + 5.0, speeds + 1.5, places - optimiser.limits.lower]).ravel()
+    below = np.vstack([5.0 - x, 1.5 - speeds, optimiser.limits.upper - places]).ravel()
     np.testing.assert_allclose((value - rows.low)[count:], above, atol=1e-9)
     np.testing.assert_allclose((rows.high - value)[count:], below, atol=1e-9)
 

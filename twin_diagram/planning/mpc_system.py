@@ -18,7 +18,7 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import holders, load_scene
-from twin_diagram.planning.collision.held_shape import obstacles_beside
+from twin_diagram.planning.collision.held_shape import at_rest, obstacles_beside
 from twin_diagram.planning.given import check_kinds
 from twin_diagram.planning.mpc.arm_torque import ArmTorque
 from twin_diagram.planning.mpc.limits import limits_of
@@ -83,7 +83,7 @@ class Mpc(ModelUser[Model]):
         further_tracks: (F · FURTHER_TRACK_SIZE) of further instances of the objects; see `signals.things`.
         things: (T · THING_SIZE) unknown things, to be kept clear of as the objects are.
         hand: (HAND_SIZE) what is held is part of the arm's shape, from the first plan on, and no obstacle; what may be
-            touched is no obstacle either. See `signals.hand`.
+            touched is no obstacle either, nor, while the fingers are around it, what moves. See `signals.hand`.
         brake: (1 + n) whether something else has stopped the arm, and where it holds it [rad]: plans start there, from
             rest.
         measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
@@ -295,6 +295,8 @@ class Mpc(ModelUser[Model]):
                 chain = planner.scene.chain
                 X_WT = chain.tool(chain.place(arm[None, : self._n]))[0]
                 tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
+                if hand.around:
+                    tracks, further, things = at_rest(X_WT[:3, 3], tracks, further, things)
             if hand.held != NOTHING:
                 planner = planner.holding(replace(hand, touched=NOTHING).pack().tobytes())
         return planner, arm, tracks, further, things

@@ -12,7 +12,7 @@ from twin_diagram.signals.layouts import POSE_SIZE
 
 NOTHING: Final = -1
 """In the place of an object's number in the library."""
-HAND_SIZE: Final = 3 + POSE_SIZE + 36
+HAND_SIZE: Final = 3 + POSE_SIZE + 36 + 1
 """A packed `Hand`."""
 
 
@@ -27,6 +27,8 @@ class Hand:
         X_TO: (7) of what is held in the tool's frame.
         covariance: (6, 6) of X_TO, rotation [rad] then translation [m]: a left perturbation in T about the object's
             origin.
+        around: the fingers are around what may be touched, and open or close: an arm that gave way to what passes by
+            would throw it. Whatever moves is the stop monitor's alone.
     """
 
     held: int = NOTHING
@@ -34,16 +36,17 @@ class Hand:
     on_support: bool = False
     X_TO: Array = field(default_factory=lambda: np.array([1.0, 0, 0, 0, 0, 0, 0]))
     covariance: Array = field(default_factory=lambda: np.zeros((6, 6)))
+    around: bool = False
 
     def pack(self) -> Array:
         """Return it as a vector of `HAND_SIZE`."""
         numbers = [float(self.held), float(self.touched), float(self.on_support)]
-        return np.concatenate([numbers, self.X_TO, self.covariance.ravel()])
+        return np.concatenate([numbers, self.X_TO, self.covariance.ravel(), [float(self.around)]])
 
     @staticmethod
     def unpack(vector: Array) -> Hand:
         """Return the inverse of `pack`; copies. What is not finite is an empty hand."""
         if not np.isfinite(vector).all():
             return Hand()
-        X_TO, covariance = vector[3 : 3 + POSE_SIZE].copy(), vector[3 + POSE_SIZE :].reshape(6, 6).copy()
-        return Hand(int(vector[0]), int(vector[1]), bool(vector[2] > 0.5), X_TO, covariance)
+        X_TO, covariance = vector[3 : 3 + POSE_SIZE].copy(), vector[3 + POSE_SIZE : -1].reshape(6, 6).copy()
+        return Hand(int(vector[0]), int(vector[1]), bool(vector[2] > 0.5), X_TO, covariance, bool(vector[-1] > 0.5))

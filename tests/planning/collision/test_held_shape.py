@@ -135,3 +135,16 @@ def test_what_the_hand_is_about_is_no_obstacle(loaded, q: Array) -> None:  # typ
     assert more is not None and more.reshape(2, -1)[:, 0].tolist() == [1.0, 1.0], "the can touched lies elsewhere"
     same = obstacles_beside(Hand(), X_WT, radii, rows, further.ravel(), things)
     assert same[0] is rows and same[2] is things
+
+
+def test_what_was_let_go_and_is_called_gone_does_not_hold_the_hand() -> None:
+    """An image shows it as something unknown, between the fingers: its track is parked far away then."""
+    X_WT, rows = np.eye(4), np.zeros((len(bench.NAMES), TRACK_SIZE))
+    X_WT[:3, 3] = [0.5, 0.3, 0.04]
+    parked = Track(ObjectStatus.GONE, 0.0, pose(0.0, 0.0, -50.0), np.zeros(6), np.zeros((6, 6)))
+    rows[CAN], radii = parked.pack(), np.full(len(bench.NAMES), 0.06)
+    middle = np.array([0.53, 0.31, 0.05])
+    thing = Thing(1, ObjectStatus.TRACKED, 0.0, 0.0, middle, (middle + 0.02 * np.eye(4, 3),)).pack()
+    for around, stands in ((True, False), (False, True)):
+        left = obstacles_beside(Hand(touched=CAN, around=around), X_WT, radii, rows.ravel(), None, thing)[2]
+        assert left is not None and [one.stands for one in things_of(left)] == [stands]

@@ -40,6 +40,19 @@ def test_a_box_that_fits_one_way_is_taken_that_way(yaw: float) -> None:
     assert abs(rotations.matrix(found[0][:4])[:, 1] @ R_WO[:, 1]) == pytest.approx(1.0), "square to the sides"
 
 
+def test_what_lies_is_taken_across_however_it_is_turned() -> None:
+    """A can on its side fits one way alone, which its axis tells; a box whose x axis stands up by another."""
+    turns = np.arange(16) * 2 * np.pi / 16
+    ring = np.array([[0.034 * np.cos(a), 0.034 * np.sin(a), z] for a in turns for z in (-0.05, 0.05)])
+    for yaw in (0.1, 0.8, 2.5):
+        for pieces, tip, symmetric in (((ring,), ("x", 1.57), True), (box(0.10, 0.05, 0.16), ("y", 1.55), False)):
+            q = (Rotation.from_euler("z", yaw) * Rotation.from_euler(*tip)).as_quat()[[3, 0, 1, 2]]
+            found = grasps_from_above(pieces, pose(0.4, 0.2, 0.05, q), 0.08, DOWN, NONE, symmetric=symmetric)[0]
+            assert len(found)
+            across = rotations.matrix(found[0][:4])[:, 1] @ rotations.matrix(q)
+            assert abs(across[2 if symmetric else 1]) == pytest.approx(0.0 if symmetric else 1.0, abs=0.02)
+
+
 def test_the_hand_turns_no_more_than_need_be() -> None:
     pieces = box(0.05, 0.05, 0.1)
     for heading in (0.1, 1.5, 3.0, -2.0):

@@ -10,7 +10,7 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.planning.collision.convex_solids import Box, Solid
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
-from twin_diagram.planning.tasks.place_goals import check_places, depth_inside
+from twin_diagram.planning.tasks.place_goals import borne, check_places, depth_inside
 from twin_diagram.scenario import Pose, TaskStep
 from twin_diagram.scenario.resources import resolve
 
@@ -52,8 +52,39 @@ def test_a_goal_at_the_tables_top_in_the_place_of_the_objects_middle_is_refused(
     table = fixture_solids([scenario.Fixture("scenes/table.sdf", Pose(translation=[0.0, 0.0, height]))])
     check_places(placing(0.5, height + HALF), library, table)
     check_places(placing(0.5, height + HALF - 0.008), library, table)
-    check_places(placing(1.2, height), library, table)
+    with pytest.raises(ScenarioError, match="would fall"):
+        check_places(placing(1.2, height), library, table)
     with pytest.raises(ScenarioError, match=r"steps\.1\.goal: can would stand inside table.*0\.051 m above"):
         check_places(placing(0.5, height), library, table)
     with pytest.raises(ScenarioError, match="inside table"):
         check_places(placing(0.5, height + HALF - 0.008, tolerance=0.005), library, table)
+
+
+def test_a_goal_with_nothing_below_it_is_refused(library: dict[str, Asset]) -> None:
+    """What is let go in mid-air falls, and what stands half over an edge or leans tips over."""
+    table = fixture_solids([scenario.Fixture("scenes/table.sdf")])
+    check_places(placing(0.5, HALF + 0.008), library, table)
+    check_places(placing(0.5, 0.25), library, [])
+    check_places(placing(0.99, HALF), library, table)
+    for task in (placing(0.5, 0.25), placing(0.5, HALF + 0.012), placing(1.02, HALF), placing(0.5, 0.056, 0.002)):
+        with pytest.raises(ScenarioError, match=r"steps\.1\.goal: can would fall or tip: no fixture bears its middle"):
+            check_places(task, library, table)
+    leaning = placing(0.5, 0.07)
+    leaning.steps[1].goal = Pose(translation=[0.5, 0.2, 0.065], rpy=[0.7, 0.0, 0.0])
+    with pytest.raises(ScenarioError, match="would fall"):
+        check_places(leaning, library, table)
+    lying = placing(0.5, 0.07)
+    lying.steps[1].goal = Pose(translation=[0.5, 0.2, 0.034], rpy=[1.5708, 0.0, 0.0])
+    check_places(lying, library, table)
+
+
+def test_what_is_beside_bears_nothing() -> None:
+    cube = [Box(np.full(3, 0.05), np.eye(3), np.array([0.0, 0.0, 0.05])).vertices]
+    middle = np.array([0.0, 0.0, 0.05])
+    wall: list[Solid] = [Box(np.array([0.05, 1.0, 1.0]), np.eye(3), np.array([0.101, 0.0, 0.0]))]
+    post: list[Solid] = [Box(np.array([0.01, 0.01, 0.5]), np.eye(3), np.array([0.0, 0.0, -0.502]))]
+    aside: list[Solid] = [Box(np.array([0.01, 0.01, 0.5]), np.eye(3), np.array([0.03, 0.0, -0.502]))]
+    assert not borne(cube, middle, wall, 0.01)
+    assert borne(cube, middle, post, 0.01)
+    assert not borne(cube, middle, post, 0.001)
+    assert not borne(cube, middle, aside, 0.01)

@@ -183,6 +183,28 @@ def test_nobody_reaches_down_with_fingers_half_open() -> None:
     assert holding.run().why is Why.TIME_LIMIT
 
 
+def test_the_arm_gives_way_to_nothing_while_the_fingers_are_around_the_object() -> None:
+    world, told = SmallWorld(PICK_AND_PLACE), {}
+    while world.state.outcome is TaskOutcome.RUNNING:
+        state = world.tick()
+        told[state.phase.name] = state.hand.around
+    assert [name for name, around in told.items() if around] == ["CLOSE", "OPEN", "RETREAT"]
+    late = SmallWorld(PICK_AND_PLACE)
+    late.until(Phase.OPEN)
+    late.stuck = 0.06
+    assert not late.run().hand.around, "a task that is over gives way again"
+
+
+def test_a_hand_pushed_aside_lets_go_there_and_leaves_straight_up() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.LOWER)
+    world.frozen = True
+    world.X_WT = aside = world.state.goal + np.array([0, 0, 0, 0, 0.008, 0, 0])
+    assert not world.until(Phase.OPEN).goal.any()
+    state = world.until(Phase.RETREAT)
+    np.testing.assert_allclose(state.goal, aside + np.array([0, 0, 0, 0, 0, 0, TUNING.above]), atol=1e-9)
+
+
 def test_the_object_is_an_obstacle_again_once_the_fingers_are_off_it() -> None:
     world = SmallWorld(PICK_AND_PLACE)
     world.until(Phase.RETREAT)

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_diagram.planning.collision.ball_cover import TUNING as BALL_COVER
 from twin_diagram.planning.collision.ball_cover import Balls, box_cover
-from twin_diagram.planning.collision.collision_scene import Scene
+from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.collision.convex_solids import bounding_box
 from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
 from twin_diagram.signals.arrays import Array
@@ -29,6 +29,10 @@ class Tuning:
     misnamed: float = 0.03
     """What is seen within an object's radius and this of where the hand is about it is that object [m]: half covered
     by the fingers it may look like something else."""
+
+    at_fingers: float = 0.07
+    """What comes nearer than this to the tool is at the fingers [m]: open they reach so far to either side, and what is
+    5 cm beside the flat of the hand is farther."""
 
 
 TUNING = Tuning()
@@ -75,7 +79,10 @@ def obstacles_beside(
     if not about:
         return tracks, further, things
     rows = tracks.reshape(-1, TRACK_SIZE).copy()
-    places = [(X_WT @ as_matrix(hand.X_TO))[:3, 3] if k == hand.held else rows[k, 6:9].copy() for k in about]
+    # What the fingers are around is there, also when an image that shows it as something unknown calls it gone.
+    lost = hand.around & np.isin(rows[:, 0], [float(ObjectStatus.UNSEEN), float(ObjectStatus.GONE)])
+    in_hand = (X_WT @ as_matrix(hand.X_TO))[:3, 3]
+    places = [in_hand if k == hand.held or lost[k] else rows[k, 6:9].copy() for k in about]
     reach = [float(radii[k]) + TUNING.misnamed for k in about]
     rows[about, 0] = float(ObjectStatus.GONE)
 
@@ -92,6 +99,32 @@ def obstacles_beside(
         seen = things.reshape(-1, THING_SIZE).copy()
         for row, thing in zip(seen, things_of(things), strict=True):
             if thing.stands and misnamed(thing.middle + thing.shift):
+                row[:] = 0.0
+        things = seen.ravel()
+    return rows.ravel(), further, things
+
+
+def at_rest(
+    p_WT: Array, tracks: Array, further: Array | None, things: Array | None
+) -> tuple[Array, Array | None, Array | None]:
+    """Return tracks and things without those that move, for a hand at `p_WT` (3) that gives way to none.
+
+    An unknown thing at the fingers themselves stays: mostly a part of what they let go, and to be backed out of. Other
+    arguments as of `obstacles_beside`.
+    """
+    rows = tracks.reshape(-1, TRACK_SIZE).copy()
+    rows[Forecast.of_tracks(rows).moving, 0] = float(ObjectStatus.GONE)
+    if further is not None and len(further):
+        more = further.reshape(-1, FURTHER_TRACK_SIZE).copy()
+        more[Forecast.of_tracks(more[:, OWNER_SIZE:]).moving, 0] = 0.0
+        further = more.ravel()
+    if things is not None and np.isfinite(things).all():
+        seen = things.reshape(-1, THING_SIZE).copy()
+        for row, thing in zip(seen, things_of(things), strict=True):
+            if not thing.velocity.any():
+                continue
+            corners = np.concatenate([thing.middle[None], *thing.pieces]) + thing.shift
+            if np.linalg.norm(corners - p_WT, axis=1).min() > TUNING.at_fingers:
                 row[:] = 0.0
         things = seen.ravel()
     return rows.ravel(), further, things

@@ -207,7 +207,7 @@ class MotionPlanner:
         way = self.router.travel(q0, route, v0)
         margins = at_samples(situation, samples, way.duration)
         around = self.scene.around(forecast, samples)
-        old_q, old_v, _ = memory.trajectory.at(now + samples)
+        old_q, _, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
         line = route.aim is Aim.LINE
         reference = way.at(samples + (TUNING.ahead if line else 0.0))
@@ -221,7 +221,7 @@ class MotionPlanner:
         if out is not None:
             reference, margins = out.at(samples), without(margins, proved_wrong(situation))
         torque = self._torque(memory, now, arm)
-        outcome = self.optimiser.solve(now, q0, v0, a0, guess, old_v, reference, around, margins, fallback, torque)
+        outcome = self.optimiser.solve(now, q0, v0, a0, guess, reference, around, margins, fallback, torque)
         plan = replace(outcome.trajectory, q0=outcome.trajectory.q0 + memory.offset)
         memory = replace(memory, tick=memory.tick + 1, checked=now if outcome.solved else memory.checked)
         return replace(memory, trajectory=plan), Report(route.aim, outcome.violation, outcome.solved, reanchored)

@@ -52,6 +52,8 @@ class OptimiserTuning:
     """Per metre² and second."""
     fade: float = 0.7
     """Far ahead, where forecasts are vague, slack costs less, with this time constant as a share of the horizon."""
+    braking: float = 0.5
+    """A speed above its limit is braked with this share of the acceleration at least: torque may not allow all."""
     reach: float = 0.20
     """Distances above this are left out [m]."""
     own_reach: float = 0.05
@@ -137,7 +139,7 @@ class Optimiser:
         self._tracking_gain = (self._P * weight[:, None]).T
         self._speed_gain = (self._V * weight[:, None]).T
         self.price = price
-        limited = np.concatenate([np.eye(self._free), self._V[self._at_knots[:-1]], self._P[self._at_knots]])
+        limited = np.concatenate([np.eye(self._free), self._V[:-1], self._P[self._at_knots]])
         self._limited = Rows.of_joints(limited, np.zeros((len(limited), n)), np.zeros((len(limited), n)))
         self._program = MotionProgram(price, self._V[-1], t.slack * self.fading, t.slack_square * self.fading)
 
@@ -148,7 +150,6 @@ class Optimiser:
         v0: Array,
         a0: Array,
         guess: Array,
-        guess_velocity: Array,
         reference: Array,
         around: Surroundings,
         margins: Array,
@@ -163,7 +164,6 @@ class Optimiser:
             v0: (n,) velocity there, kept.
             a0: (n,) acceleration there, kept.
             guess: (M, n) positions at the samples, to linearise about unless the reference keeps clear of more.
-            guess_velocity: (M, n) of the guess; its excess over the limits is allowed.
             reference: (M, n) where to be at the samples [rad].
             around: the bodies at the samples.
             margins: (M, B + 1) distance to keep from each body, and of the arm from itself, at each sample [m].
@@ -179,7 +179,7 @@ class Optimiser:
         for iteration in range(self.tuning.iterations):
             contacts = self._contacts(present, around, margins) if iteration else contacts
             torque = self._torque_about(torque, present, base_velocity, inner)
-            rows = self._rows(base, base_velocity, present, guess_velocity, contacts, margins)
+            rows = self._rows(base, base_velocity, present, contacts, margins)
             slope = self._gradient(base, base_velocity, a0, present, reference)
             found = self._program.solve(slope, -base_velocity[-1], self._torque_bounded(rows, torque), self._solver)
             if found is None:
@@ -299,7 +299,6 @@ class Optimiser:
         base: Array,
         base_velocity: Array,
         present: Array,
-        guess_velocity: Array,
         contacts: Contacts,
         margins: Array,
     ) -> Rows:
@@ -309,7 +308,6 @@ class Optimiser:
             base: (M, n) positions at the samples where the free accelerations are zero.
             base_velocity: (M, n) likewise.
             present: (M, n) positions about which distances are linearised.
-            guess_velocity: (M, n) its excess over the limits is allowed.
             contacts: at `present`.
             margins: see `solve`.
         """
@@ -321,8 +319,11 @@ class Optimiser:
         clear = Rows(self._P[sample], slope, needed, np.full(len(order), np.inf), sample)
 
         knots, most = self._at_knots, self.limits.acceleration
-        speed = np.maximum(self.limits.velocity, np.abs(guess_velocity[knots[:-1]]) + 1e-6)
-        still = base_velocity[knots[:-1]]
+        # Half-way between knots, too, where a plan is at its fastest. What is too fast already is braked: allowed as
+        # much as the plan before has, each plan would allow the next one some more.
+        still = base_velocity[:-1]
+        braked = np.abs(still) - self.tuning.braking * most * self._V[:-1].sum(axis=1)[:, None]
+        speed = np.maximum(self.limits.velocity, braked + 1e-6)
         lower = np.minimum(self.limits.lower, present[knots])
         upper = np.maximum(self.limits.upper, present[knots])
         bounded = np.tile(most, (self._free, 1))

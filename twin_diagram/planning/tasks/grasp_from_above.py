@@ -37,6 +37,9 @@ class Tuning:
     hold: float = 0.018
     """What is between the fingers is at least this tall [m]: most of a pad."""
 
+    lying: float = 0.1
+    """An axis that is level by this much (its sine) tells how a round thing that lies or leans is turned."""
+
     finger: float = 0.025
     """Half of what an open finger with its pad takes up beyond the opening [m]: to tell who is in its way."""
 
@@ -63,7 +66,7 @@ def grasps_from_above(
     R_WO = rotations.matrix(X_WO[:4])
     pieces = [piece @ R_WO.T + X_WO[4:] for piece in pieces_O]
     heights = _heights(pieces)
-    heading = 0.0 if symmetric else float(np.arctan2(R_WO[1, 0], R_WO[0, 0]))
+    heading = _heading(R_WO, symmetric=symmetric)
     found: list[tuple[float, Array]] = []
     for turn in heading + np.arange(TUNING.turns) * np.pi / TUNING.turns:
         closing, along = np.array([-np.sin(turn), np.cos(turn)]), np.array([np.cos(turn), np.sin(turn)])
@@ -85,6 +88,16 @@ def grasps_from_above(
             found.append((width / opening + 0.2 * angle + 30.0 * crowded, np.array([*q, *middle, z])))
     found.sort(key=lambda entry: entry[0])
     return np.array([X_WG for _, X_WG in found]).reshape(-1, 7), np.array([price for price, _ in found])
+
+
+def _heading(R_WO: Array, *, symmetric: bool) -> float:
+    """Return the direction of an object's sides from above [rad], up to quarter turns; of what is round, its axis'."""
+    level = np.linalg.norm(R_WO[:2], axis=0)
+    if symmetric:
+        return float(np.arctan2(R_WO[1, 2], R_WO[0, 2])) if level[2] > TUNING.lying else 0.0
+    # Of what lies on its side the x axis may stand upright, and says nothing.
+    axis = 0 if level[0] > np.sqrt(0.5) else int(level.argmax())
+    return float(np.arctan2(R_WO[1, axis], R_WO[0, axis]))
 
 
 def _heights(pieces_W: list[Array]) -> list[float]:

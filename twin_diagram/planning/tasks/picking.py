@@ -143,7 +143,8 @@ def descend(state: TaskState, seen: StepView, step: Step, library: Sequence[Take
     state, there = arrived(state, seen, step, TUNING.slow)
     if not there:
         return state
-    return replace(state, opened=0.0).entering(Phase.CLOSE, seen.now, state.goal)
+    state = replace(state, hand=replace(state.hand, around=True), opened=0.0)
+    return state.entering(Phase.CLOSE, seen.now, state.goal)
 
 
 def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:

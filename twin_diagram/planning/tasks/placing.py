@@ -66,9 +66,10 @@ def lower(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     state, there = arrived(state, seen, step)
     if not there:
         return state
-    state = replace(state, hand=Hand(touched=step.target), opened=1.0, image=seen.now, elsewhere=0)
+    state = replace(state, hand=Hand(touched=step.target, around=True), opened=1.0, image=seen.now, elsewhere=0)
     state = state.noting(Note.RELEASED, seen.now)
-    return state.entering(Phase.OPEN, seen.now, state.goal)
+    # Where it is: pushed aside by what comes near, it would go back to its place with the fingers half open.
+    return state.entering(Phase.OPEN, seen.now)
 
 
 def opened(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
@@ -76,7 +77,7 @@ def opened(state: TaskState, seen: StepView, step: Step, library: Sequence[Takea
     state = put_down(state, seen, step)
     if seen.now - state.since < TUNING.closing or seen.opening < 0.9 * seen.widest:
         return state
-    return state.entering(Phase.RETREAT, seen.now, before_grasp(state.grasp))
+    return state.entering(Phase.RETREAT, seen.now, before_grasp(seen.X_WT))
 
 
 def retreat(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:

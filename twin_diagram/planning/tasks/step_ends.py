@@ -137,7 +137,7 @@ def done(state: TaskState, now: float) -> TaskState:
 
 def fail(state: TaskState, seen: StepView, why: Why) -> TaskState:
     """Come to rest for good; what is held stays held, unless that is what was lost."""
-    hand = Hand() if why in (Why.DROPPED, Why.SEEN_ELSEWHERE) else replace(state.hand, touched=NOTHING)
+    hand = Hand() if why in (Why.DROPPED, Why.SEEN_ELSEWHERE) else replace(state.hand, touched=NOTHING, around=False)
     state = state.noting(Note.FAILED, seen.now, why).entering(Phase.REST, seen.now)
     return replace(state, outcome=TaskOutcome.FAILED, why=why, hand=hand)
 
