@@ -288,19 +288,21 @@ def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(
 
 
 def test_all_else_that_the_picture_shows_is_in_the_way_of_a_pick(monkeypatch: pytest.MonkeyPatch) -> None:
-    thing, given_up = (SimpleNamespace(points=np.full((3, 3), x), middle=np.full(3, x)) for x in (0.1, 0.2))
+    thing, given_up = (
+        SimpleNamespace(points=np.full((3, 3), x), middle=np.full(3, x), beside=False) for x in (0.1, 0.2)
+    )
     stood, kept_clear = list[Any](), list[Any]()
 
     def choose(*told: Any) -> tuple[None, str]:
         kept_clear.append(told[6])
         return None, "barred"
 
-    monkeypatch.setattr(handling, "things_within", lambda picture, low, high: [given_up, thing])
+    monkeypatch.setattr(handling, "lying", lambda *told: [given_up, thing])
     monkeypatch.setattr(handling, "choose", choose)
     monkeypatch.setattr(handling, "why_barred", lambda why, one, others: f"{why} by {len(others)}")
-    mover = SimpleNamespace(stand=lambda what, points, floor: stood.append(points))
-    tools: Any = SimpleNamespace(learning=Learning(), mover=mover, gripper=None, cell=None)
+    mover = SimpleNamespace(stand=lambda what, points, floor: stood.extend(points))
+    tools: Any = SimpleNamespace(learning=Learning(), mover=mover, gripper=None, cell=None, faces=None, robot=None)
     nothing: Any = None
     assert handling.pick(tools, thing, nothing, 0, []).why == "barred by 1"  # type: ignore[arg-type]
-    assert [len(points) for points in stood] == [2]
+    assert [one is thing.points for one in stood] == [True, False] and stood[1] is given_up.points
     assert len(kept_clear) == 1 and [one is given_up.points for one in kept_clear[0]] == [True]

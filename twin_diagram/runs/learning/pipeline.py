@@ -326,7 +326,7 @@ class Learner:
         if left:
             self.state.given_up.append(place.tolist())
             self.record.event(object=one.name, stage="give up", why=one.why)
-            self._say(f"{one.name}: {one.why}; what lies there is left in the bin")
+            self._say(f"{one.name}: {one.why}; what lies there is left")
         return left
 
     def _report(self, picture: Picture, thing: SeenThing, why: str) -> None:
@@ -337,7 +337,7 @@ class Learner:
         self.state.learned.append(Learned(name, "reported", why, picture=file))
         self.state.given_up.append(thing.middle.tolist())
         self.record.event(object=name, stage="report", why=why, picture=file)
-        self._say(f"{name}: {why}; left in the bin")
+        self._say(f"{name}: {why}; left where it lies")
 
     def _collect(self) -> bool:
         """Write the assets of shapes that are made; whether there were any."""

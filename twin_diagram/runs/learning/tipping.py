@@ -90,13 +90,15 @@ class Tipping:
 
 
 def plan_tipping(tools: Tools, thing: SeenThing, picture: Picture) -> Tipping | None:
-    """Return how a flat thing is pushed to a wall and tipped up there; None: it is not flat, or there is no room.
+    """Return how a flat thing is pushed to a wall and tipped up there; None: it is not flat, or has no wall or room.
 
     Args:
         tools: of the cell; the hand is empty.
         thing: as it lies.
         picture: in which it was seen; all else in it is in the way.
     """
+    if thing.beside:
+        return None
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
     rest = [one.points for one in things_within(picture, low, high) if (one.middle != thing.middle).any()]
     tools.mover.stand("bin", [thing.points, *rest], float(low[2]))
