@@ -272,7 +272,9 @@ def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
         one = each.one
         own = extras_of(model, out, one["name"])
         if each.true is None or each.X_WO is None:
-            rows.append(own | {"object": one["name"], "state": one["state"], "why": one["why"]})
+            rows.append(
+                own | {"object": one["name"], "state": one["state"], "why": one["why"] or one.get("no_asset", "")}
+            )
         else:
             scores = scored(one, out, each.true, each.X_WO)
             loaded = scenario.world.objects[each.true.name].load_at is not None

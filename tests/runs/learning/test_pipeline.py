@@ -18,6 +18,7 @@ from twin_diagram.estimation.weighing import WeighingError
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
+from twin_diagram.runs.learning.finishing import finish
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.handling import Picked, ShownObject
 from twin_diagram.runs.learning.motion import NoWay
@@ -201,7 +202,7 @@ def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
 def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_world_before_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def finish(record: LearningRecord, one: Learned, model: Any) -> None:
+    def done_with(record: LearningRecord, one: Learned, model: Any) -> None:
         one.state = "finished"
 
     run = learner(Bin([]), tmp_path / "run", monkeypatch)
@@ -210,7 +211,7 @@ def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_wor
     done = [[], [Done("object_01", None)], []]
     jobs: Any = SimpleNamespace(poll=lambda: done.pop(0), pending=[], close=lambda: None)
     run._jobs, run.tools = jobs, SimpleNamespace(**vars(run.tools), model=None)  # type: ignore[assignment]
-    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.finish", finish)
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.finish", done_with)
     for expected in ("handled", "finished", "finished"):
         with run._stage("object_02", "display"):
             pass
@@ -221,6 +222,8 @@ def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_wor
 def test_an_object_whose_asset_fails_in_any_way_is_reported_and_the_next_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    nothing: Any = None
+
     def write(name: str, *rest: Any) -> dict[str, Any]:
         if name == "object_01":
             raise np.linalg.LinAlgError("Singular matrix")
@@ -231,7 +234,8 @@ def test_an_object_whose_asset_fails_in_any_way_is_reported_and_the_next_is_made
 
     said = list[str]()
     run = learner(Bin([]), tmp_path / "run", monkeypatch)
-    run.state.learned = [Learned("object_01"), Learned("object_02")]
+    second = Learned("object_02", figures={"not weighed": "of a first try", "notes": ["one grasp only"]})
+    run.state.learned = [Learned("object_01", why="it was lost"), second]
     for one in run.state.learned:
         folder = run.record.fresh(one.name)
         (folder / SHAPE).touch()
@@ -242,10 +246,14 @@ def test_an_object_whose_asset_fails_in_any_way_is_reported_and_the_next_is_made
         monkeypatch.setattr(f"twin_diagram.runs.learning.finishing.{name}", what)
     monkeypatch.setattr("twin_diagram.runs.learning.finishing.write_learned", write)
     assert run._collect()
-    first, second = run.state.learned
-    assert (first.state, first.why) == ("failed", "LinAlgError: Singular matrix")
-    assert second.state == "finished" and second.figures == {"mass": 0.4, "not weighed": "ValueError: no root"}
-    assert said[0] == "object_01: failed, LinAlgError: Singular matrix"
+    first = run.state.learned[0]
+    assert (first.state, first.why, first.no_asset) == ("failed", "it was lost", "LinAlgError: Singular matrix")
+    figures = {"mass": 0.4, "not weighed": "ValueError: no root", "notes": ["one grasp only"]}
+    assert second.state == "finished" and second.figures == figures
+    assert said[0] == "object_01: failed, it was lost; LinAlgError: Singular matrix"
+    (run.record.of("object_02") / SWUNG).unlink()
+    finish(run.record, second, nothing)
+    assert "not weighed" not in second.figures, "what an earlier try said of it is gone"
 
 
 def test_no_asset_is_written_between_a_signal_and_the_arms_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

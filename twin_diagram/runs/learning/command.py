@@ -38,6 +38,6 @@ def _learn(arguments: argparse.Namespace) -> int:
         require_egl()
         state = learn(scenario, arguments.out, resume=arguments.resume, say=say)
     for one in state.learned:
-        print(f"{one.name}: {one.state}{f' ({one.why})' if one.why else ''}")
+        print(f"{one.name}: {one.state}{f' ({one.told})' if one.told else ''}")
     print(f"see {arguments.out / 'gallery.html'}")
     return 0

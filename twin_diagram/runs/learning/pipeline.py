@@ -347,15 +347,15 @@ class Learner:
         for done in ready:
             one = self.state.named(done.name)
             if done.why is not None:
-                one.state, one.why = "failed", done.why
+                one.state, one.no_asset = "failed", done.why
                 self.record.event(object=one.name, stage="reconstruct", outcome=done.why)
                 self._say(f"{one.name}: {done.why}")
                 continue
             finish(self.record, one, self.tools.model)
             self.record.event(
-                object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {})
+                object=one.name, stage="asset", outcome=one.state, **({"why": one.told} if one.told else {})
             )
-            self._say(f"{one.name}: {one.state}, {one.why or self.record.library / one.name}")
+            self._say(f"{one.name}: {one.state}, {one.told or self.record.library / one.name}")
         return bool(ready)
 
     def _wait(self) -> None:
