@@ -92,7 +92,7 @@ def write_learned(
         "size": built.size,
         "unseen": shape.unseen,
         "noise": shape.noise,
-        "asset_notes": list(built.notes),
+        "asset_notes": [note for note in built.notes if note not in notes],
         # X_OS as rows: the frame of the pictures in the asset's.
         "R_OS": R_WS,
         "p_OS": -(middle + own.centre),

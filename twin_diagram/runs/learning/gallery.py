@@ -169,7 +169,7 @@ def _rows(one: Learned) -> list[tuple[str, str]]:
         even = " as if of water" if f.get("mass_std") is None else ""
         rows.append(("mass", f"{_values([f['mass']], [f.get('mass_std')], 1e3)} g, {by.get('mass', '')}{even}"))
     if f.get("centre_std"):
-        known = ", ".join(f"± {1.96e3 * x:.2g}" for x in f["centre_std"])
+        known = ", ".join(f"± {_short(1.96e3 * x)}" for x in f["centre_std"])
         rows.append(("centre of mass", f"{known} mm, {by.get('centre', '')}"))
     if "moments" in f:
         moments = _values(f["moments"], f.get("moments_std") or [None] * 3, 1e6)
@@ -182,20 +182,25 @@ def _rows(one: Learned) -> list[tuple[str, str]]:
         after = ", ".join(f"{100 * share:.1f}" for share in f.get("seen_after_grasps", []))
         rows.append(("surface seen", f"{100 * f['seen_share']:.1f} % of what some pose shows (by grasps: {after})"))
     if "unseen" in f:
-        rows.append(("of the mesh, guessed", f"{100 * f['unseen']:.1f} %, which no picture shows"))
+        rows.append(("guessed surface", f"{100 * f['unseen']:.1f} % of the mesh, which no picture shows"))
     if f.get("pictures"):
         slips = ", ".join(f"{1e3 * off:.0f} mm and {np.rad2deg(turn):.0f}°" for _, off, turn in f.get("slips", []))
         grasps = f"{one.grasps} grasp{'s' if one.grasps != 1 else ''}"
         rows.append(
             ("displayed", f"{f['pictures']} pictures in {grasps}; " + (f"slipped by {slips}" if slips else "no slip"))
         )
-    rows += [("note", text) for text in dict.fromkeys([*f.get("notes", []), *f.get("asset_notes", [])[1:]])]
+    rows += [("note", text) for text in dict.fromkeys([*f.get("notes", []), *f.get("asset_notes", [])])]
     return rows
 
 
 def _values(values: Sequence[float], stds: Sequence[float | None], scale: float) -> str:
     """Return values, each with half of its 95 % interval where that is known."""
     return ", ".join(
-        f"{scale * value:.4g}" + ("" if std is None else f" ± {1.96 * scale * std:.2g}")
+        f"{scale * value:.4g}" + ("" if std is None else f" ± {_short(1.96 * scale * std)}")
         for value, std in zip(values, stds, strict=True)
     )
+
+
+def _short(value: float) -> str:
+    """Return a number with two places that count, and without an exponent if it is of a usual size."""
+    return f"{float(f'{value:.2g}'):g}"

@@ -105,7 +105,8 @@ def plan_tipping(tools: Tools, thing: SeenThing, picture: Picture) -> Tipping | 
     pushes = [one for one in pushes_of(thing, low, high) if may_be_tipped(one, tools.gripper, float(high[2]))]
     barred = in_the_way(low, high, rest)[0]
     others = np.concatenate([np.zeros((0, 3)), *rest])
-    for flat in sorted(pushes, key=lambda one: one.wall - one.far - one.tilt):
+    # A wall holds a far edge more surely than a corner does.
+    for flat in sorted(pushes, key=lambda one: (not one.to_wall, one.wall - one.far - one.tilt)):
         there, raised = way_of(flat)
         poses = tool_poses(flat, np.vstack([there, raised[:, :2]]), tools.gripper)
         if not is_clear(flat, poses, tools.gripper, barred, others):
