@@ -116,6 +116,18 @@ def test_a_bin_that_cannot_be_looked_into_is_told_in_a_line(monkeypatch: pytest.
     assert issubclass(NoWay, TwinError) and issubclass(NothingHeld, TwinError)
 
 
+def test_an_error_that_ends_the_run_is_the_last_event(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def blind(tools: Any, given_up: Any) -> Any:
+        raise LearningError("the arm cannot go\nhome")
+
+    bin_ = Bin([0.0])
+    monkeypatch.setattr(bin_, "look", blind)
+    with pytest.raises(LearningError):
+        learner(bin_, tmp_path / "run", monkeypatch).run()
+    last = (tmp_path / "run" / "events.jsonl").read_text().splitlines()[-1]
+    assert '"stage": "stop", "outcome": "the arm cannot go home"' in last
+
+
 def test_an_object_put_away_gives_what_was_given_up_another_chance_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

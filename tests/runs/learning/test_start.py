@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import pytest
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.runs.learning import start
+from twin_diagram.runs.learning.command import add_learn_command
 from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.shape_worker import FRAMES
 from twin_diagram.runs.learning.start import check_cell, learn, learn_again
@@ -131,3 +133,11 @@ def test_again_keeps_what_was_told_and_an_asset_that_cannot_be_made_anew(
         learn_again(scenario, record.folder, "object_01", lambda text: None)
     (one,) = record.resume().learned
     assert (one.state, one.told) == ("finished", "it was lost; it was found and put away")
+
+
+def test_again_and_resume_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    add_learn_command(parser.add_subparsers())
+    with pytest.raises(SystemExit) as end:
+        parser.parse_args(["learn", "bin_picking", "--out", "run", "--resume", "--again", "object_01"])
+    assert end.value.code == 2 and "not allowed with" in capsys.readouterr().err

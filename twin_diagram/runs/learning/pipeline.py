@@ -113,6 +113,9 @@ class Learner:
             self._jobs.close()
             self._end_early()
             raise
+        except TwinError as why:
+            self.record.event(stage="stop", outcome=" ".join(str(why).split()))
+            raise
         finally:
             self._jobs.close()
 
