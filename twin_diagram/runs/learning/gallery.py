@@ -117,7 +117,7 @@ def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, Tr
     counts = "".join(f", {many} {name}" for name, many in others.items())
     end = "the bin is done with" if state.finished else "things are still to be taken"
     told = f"{done} of {len(state.learned)} finished{counts}; {state.sim_time:.0f} s simulated; {end}"
-    two = ", on the left what was learned, on the right the true object" if true else ""
+    two = "; on the left what was learned, on the right the true object" if true else ""
     # Within <script> no text may end it, whatever an object is called.
     packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     atomic_file.write(
