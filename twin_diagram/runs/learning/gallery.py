@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -45,9 +45,6 @@ th { color:#566173; font-weight:500; width:38%; }
 .failed .tag { background:#f8e2e2; color:#8f2525; } .reported .tag { background:#faf0da; color:#7a5510; }
 """
 """CSS of the page."""
-
-GUESS: Final = ' class="guess"'
-SHAPE_ALONE: Final = "from shape alone"
 
 SCRIPT = """
 const D = JSON.parse(document.getElementById('data').textContent);
@@ -148,14 +145,16 @@ def _card(record: LearningRecord, one: Learned, drawn: bool) -> str:
     file = record.folder / one.picture if one.picture else None
     if file is not None and file.is_file():
         view += f'<img alt="" src="data:image/png;base64,{base64.b64encode(file.read_bytes()).decode()}">'
-    rows = "".join(
-        f"<tr><th>{escape(name)}</th><td{GUESS if SHAPE_ALONE in text else ''}>{escape(text)}</td></tr>"
-        for name, text in _rows(one)
-    )
+    rows = "".join(_row(name, text) for name, text in _rows(one))
     return (
         f'<div class="card {escape(one.state)}"><span class="tag">{escape(one.state)}</span>'
         f"<h2>{escape(one.name)}</h2>{view}<table>{rows}</table></div>"
     )
+
+
+def _row(name: str, text: str) -> str:
+    mark = ' class="guess"' if "from shape alone" in text else ""
+    return f"<tr><th>{escape(name)}</th><td{mark}>{escape(text)}</td></tr>"
 
 
 def _rows(one: Learned) -> list[tuple[str, str]]:
