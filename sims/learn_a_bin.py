@@ -35,7 +35,7 @@ def main() -> int:
             state = learn(scenario, arguments.out, resume=arguments.resume)
         for one in state.learned:
             mass = f", {one.figures['mass']:.3f} kg" if "mass" in one.figures else ""
-            print(f"{one.name}: {one.state}{mass}{f' ({one.why})' if one.why else ''}")
+            print(f"{one.name}: {one.state}{mass}{f' ({one.told})' if one.told else ''}")
         print(f"see {arguments.out / 'gallery.html'}")
         return 0
     except TwinError as error:

@@ -5,8 +5,8 @@
 
 The world is as the score sets it: white torque noise (`--noise`), and, drawn per seed and told to nobody, gains, biases
 and frictions of each joint and where cameras really stand; `--plain` leaves all but the noise out. A bin that was begun
-is gone on with, one that is done is only scored. Writes `OUT/SEED/` (a run of `twin-diagram learn`) and
-`OUT/scores.jsonl`, `OUT/runs.jsonl`. `--quick`: two objects a bin. Held back: seeds from 100000.
+is gone on with, one that is done is only scored. Writes `OUT/SEED/` (a run of `twin-diagram learn`; its gallery shows
+the true objects, too) and `OUT/scores.jsonl`, `OUT/runs.jsonl`. `--quick`: two objects a bin. Held back: from 100000.
 """
 
 from __future__ import annotations
@@ -22,14 +22,15 @@ SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 from real2sim_truth.drawn_world import fall_short  # noqa: E402
-from real2sim_truth.scores import TruthNotes, left_behind, score_run  # noqa: E402
+from real2sim_truth.scores import TruthNotes, left_behind, score_run, true_clouds  # noqa: E402
 from real2sim_truth.tables import told  # noqa: E402
 
 from twin_diagram import load_scenario  # noqa: E402
 from twin_diagram.model import Model  # noqa: E402
 from twin_diagram.runs.learning import learn  # noqa: E402
 from twin_diagram.runs.learning.drawn_bins import draw_bin  # noqa: E402
-from twin_diagram.runs.learning.record import STATE  # noqa: E402
+from twin_diagram.runs.learning.gallery import write_gallery  # noqa: E402
+from twin_diagram.runs.learning.record import STATE, LearningRecord  # noqa: E402
 
 
 def main() -> int:
@@ -59,7 +60,8 @@ def main() -> int:
         scenario.world.arm_defects.torque_noise = arguments.noise
         scenario = scenario if arguments.plain else fall_short(scenario, joints)
         out = arguments.out / f"{seed:06d}"
-        learn(scenario, out, resume=(out / STATE).exists(), say=say, observer=TruthNotes(out))
+        state = learn(scenario, out, resume=(out / STATE).exists(), say=say, observer=TruthNotes(out))
+        write_gallery(LearningRecord(out, scenario), state, true_clouds(scenario, out))
         rows += [{"seed": seed, **row} for row in score_run(scenario, out)]
         runs.append({"seed": seed, **left_behind(scenario, out)})
         for name, lines in (("scores", rows), ("runs", runs)):

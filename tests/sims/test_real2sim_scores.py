@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState
 from twin_diagram.scenario import Scenario
@@ -32,3 +34,21 @@ def test_what_was_lost_after_it_was_weighed_is_not_finished(tmp_path: Path, monk
     true: Any = SimpleNamespace(X_WO=np.eye(4))
     monkeypatch.setattr(scores, "true_objects", lambda scenario, positions: [true])
     assert [each.true for each in scores.matched(Scenario(), out)] == [true, None]
+
+
+def test_the_true_object_is_shown_as_the_learned_one_lies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    half, turn = np.array([0.03, 0.045, 0.06]), Rotation.from_euler("xyz", [0.05, -0.04, 0.06]).as_matrix()
+    signs = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
+    hull = ConvexHull(signs * half)
+    corners = (signs * half)[hull.simplices]
+    inward = (
+        np.einsum("fi,fi->f", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[:, 0]) < 0
+    )
+    corners[inward] = corners[inward][:, ::-1]
+    true: Any = SimpleNamespace(X_WO=np.eye(4), corners=corners)
+    monkeypatch.setattr(scores, "matched", lambda scenario, out: [scores.Matched({"name": "a"}, true, np.eye(4))])
+    monkeypatch.setattr(scores, "triangles", lambda path: (corners - [0.004, 0.0, -0.003]) @ turn)
+    (cloud,) = scores.true_clouds(Scenario(), tmp_path).values()
+    back = cloud.points @ turn.T + [0.004, 0.0, -0.003]
+    assert np.abs(np.abs(back) / half).max(axis=1) == pytest.approx(1.0, abs=0.02), "on the box"
+    assert cloud.colours.shape == back.shape and 0.0 <= cloud.colours.min() < cloud.colours.max() <= 1.0

@@ -22,6 +22,7 @@ from twin_diagram.assets.mesh import parse_obj
 from twin_diagram.logs.frames.transforms_folder import TransformsFolder
 from twin_diagram.model import Model
 from twin_diagram.runs.learning.following import register
+from twin_diagram.runs.learning.gallery import TrueCloud
 from twin_diagram.runs.learning.record import LIBRARY, OBJECTS, STATE
 from twin_diagram.runs.learning.seen_map import TUNING as SEEN
 from twin_diagram.runs.learning.seen_map import looked_at
@@ -31,6 +32,8 @@ from twin_diagram.scenario.resources import resolve
 from twin_diagram.station.sim.world_plant import build_world
 
 Array = npt.NDArray[np.float64]
+LIGHT = np.array([0.3, 0.5, 0.81])
+"""Where it comes from in pictures of true objects."""
 ALIKE = 0.3
 """Axes are compared where moments differ by this share."""
 
@@ -272,12 +275,29 @@ def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
         one = each.one
         own = extras_of(model, out, one["name"])
         if each.true is None or each.X_WO is None:
-            rows.append(own | {"object": one["name"], "state": one["state"], "why": one["why"]})
+            rows.append(
+                own | {"object": one["name"], "state": one["state"], "why": one["why"] or one.get("no_asset", "")}
+            )
         else:
             scores = scored(one, out, each.true, each.X_WO)
             loaded = scenario.world.objects[each.true.name].load_at is not None
             rows.append(own | {"state": "finished", "why": one["why"], "loaded": loaded, **scores})
     return rows
+
+
+def true_clouds(scenario: Scenario, out: Path) -> dict[str, TrueCloud]:
+    """Return the true object of each finished one, in the learned asset's O, grey and lit from one side."""
+    found = {}
+    for each in matched(scenario, out):
+        if each.true is None or each.X_WO is None:
+            continue
+        name = each.one["name"]
+        points, normals = sampled(triangles(out / LIBRARY / name / "visual.obj"), 20000)
+        X_OA = registered(points, normals, each.true, each.X_WO)
+        truth, outward = sampled(each.true.corners, 3000)
+        grey = 0.35 + 0.5 * np.abs(outward @ X_OA[:3, :3] @ LIGHT)
+        found[name] = TrueCloud((truth - X_OA[:3, 3]) @ X_OA[:3, :3], np.repeat(grey[:, None], 3, axis=1))
+    return found
 
 
 def left_behind(scenario: Scenario, out: Path) -> dict[str, Any]:

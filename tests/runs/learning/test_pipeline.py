@@ -18,6 +18,7 @@ from twin_diagram.estimation.weighing import WeighingError
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
+from twin_diagram.runs.learning.finishing import finish
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.handling import Picked, ShownObject
 from twin_diagram.runs.learning.motion import NoWay
@@ -115,6 +116,18 @@ def test_a_bin_that_cannot_be_looked_into_is_told_in_a_line(monkeypatch: pytest.
     assert issubclass(NoWay, TwinError) and issubclass(NothingHeld, TwinError)
 
 
+def test_an_error_that_ends_the_run_is_the_last_event(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def blind(tools: Any, given_up: Any) -> Any:
+        raise LearningError("the arm cannot go\nhome")
+
+    bin_ = Bin([0.0])
+    monkeypatch.setattr(bin_, "look", blind)
+    with pytest.raises(LearningError):
+        learner(bin_, tmp_path / "run", monkeypatch).run()
+    last = (tmp_path / "run" / "events.jsonl").read_text().splitlines()[-1]
+    assert '"stage": "stop", "outcome": "the arm cannot go home"' in last
+
+
 def test_an_object_put_away_gives_what_was_given_up_another_chance_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -201,7 +214,7 @@ def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
 def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_world_before_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def finish(record: LearningRecord, one: Learned, model: Any) -> None:
+    def done_with(record: LearningRecord, one: Learned, model: Any) -> None:
         one.state = "finished"
 
     run = learner(Bin([]), tmp_path / "run", monkeypatch)
@@ -210,7 +223,7 @@ def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_wor
     done = [[], [Done("object_01", None)], []]
     jobs: Any = SimpleNamespace(poll=lambda: done.pop(0), pending=[], close=lambda: None)
     run._jobs, run.tools = jobs, SimpleNamespace(**vars(run.tools), model=None)  # type: ignore[assignment]
-    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.finish", finish)
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.finish", done_with)
     for expected in ("handled", "finished", "finished"):
         with run._stage("object_02", "display"):
             pass
@@ -221,6 +234,8 @@ def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_wor
 def test_an_object_whose_asset_fails_in_any_way_is_reported_and_the_next_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    nothing: Any = None
+
     def write(name: str, *rest: Any) -> dict[str, Any]:
         if name == "object_01":
             raise np.linalg.LinAlgError("Singular matrix")
@@ -231,7 +246,8 @@ def test_an_object_whose_asset_fails_in_any_way_is_reported_and_the_next_is_made
 
     said = list[str]()
     run = learner(Bin([]), tmp_path / "run", monkeypatch)
-    run.state.learned = [Learned("object_01"), Learned("object_02")]
+    second = Learned("object_02", figures={"not weighed": "of a first try", "notes": ["one grasp only"]})
+    run.state.learned = [Learned("object_01", why="it was lost"), second]
     for one in run.state.learned:
         folder = run.record.fresh(one.name)
         (folder / SHAPE).touch()
@@ -242,10 +258,14 @@ def test_an_object_whose_asset_fails_in_any_way_is_reported_and_the_next_is_made
         monkeypatch.setattr(f"twin_diagram.runs.learning.finishing.{name}", what)
     monkeypatch.setattr("twin_diagram.runs.learning.finishing.write_learned", write)
     assert run._collect()
-    first, second = run.state.learned
-    assert (first.state, first.why) == ("failed", "LinAlgError: Singular matrix")
-    assert second.state == "finished" and second.figures == {"mass": 0.4, "not weighed": "ValueError: no root"}
-    assert said[0] == "object_01: failed, LinAlgError: Singular matrix"
+    first = run.state.learned[0]
+    assert (first.state, first.why, first.no_asset) == ("failed", "it was lost", "LinAlgError: Singular matrix")
+    figures = {"mass": 0.4, "not weighed": "ValueError: no root", "notes": ["one grasp only"]}
+    assert second.state == "finished" and second.figures == figures
+    assert said[0] == "object_01: failed, it was lost; LinAlgError: Singular matrix"
+    (run.record.of("object_02") / SWUNG).unlink()
+    finish(run.record, second, nothing)
+    assert "not weighed" not in second.figures, "what an earlier try said of it is gone"
 
 
 def test_no_asset_is_written_between_a_signal_and_the_arms_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,19 +308,21 @@ def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(
 
 
 def test_all_else_that_the_picture_shows_is_in_the_way_of_a_pick(monkeypatch: pytest.MonkeyPatch) -> None:
-    thing, given_up = (SimpleNamespace(points=np.full((3, 3), x), middle=np.full(3, x)) for x in (0.1, 0.2))
+    thing, given_up = (
+        SimpleNamespace(points=np.full((3, 3), x), middle=np.full(3, x), beside=False) for x in (0.1, 0.2)
+    )
     stood, kept_clear = list[Any](), list[Any]()
 
     def choose(*told: Any) -> tuple[None, str]:
         kept_clear.append(told[6])
         return None, "barred"
 
-    monkeypatch.setattr(handling, "things_within", lambda picture, low, high: [given_up, thing])
+    monkeypatch.setattr(handling, "lying", lambda *told: [given_up, thing])
     monkeypatch.setattr(handling, "choose", choose)
     monkeypatch.setattr(handling, "why_barred", lambda why, one, others: f"{why} by {len(others)}")
-    mover = SimpleNamespace(stand=lambda what, points, floor: stood.append(points))
-    tools: Any = SimpleNamespace(learning=Learning(), mover=mover, gripper=None, cell=None)
+    mover = SimpleNamespace(stand=lambda what, points, floor: stood.extend(points))
+    tools: Any = SimpleNamespace(learning=Learning(), mover=mover, gripper=None, cell=None, faces=None, robot=None)
     nothing: Any = None
     assert handling.pick(tools, thing, nothing, 0, []).why == "barred by 1"  # type: ignore[arg-type]
-    assert [len(points) for points in stood] == [2]
+    assert [one is thing.points for one in stood] == [True, False] and stood[1] is given_up.points
     assert len(kept_clear) == 1 and [one is given_up.points for one in kept_clear[0]] == [True]

@@ -146,8 +146,25 @@ def test_the_gallery_is_one_file_that_shows_what_failed(tmp_path: Path) -> None:
     cloud.mkdir(parents=True)
     points = np.random.default_rng(0).normal(size=(50, 3))
     np.savez(cloud / "cloud.npz", points=points, normals=points, colours=np.full((50, 3), 0.5))
+    state.learned[0].grasps = 2
+    state.learned[0].figures |= {
+        "mass_std": 0.001,
+        "centre_std": [0.0005, 0.0006, 0.0007],
+        "moments": [1e-4, 2e-4, 3e-4],
+        "moments_std": [1e-6, 2e-6, 6.3e-5],
+        "by": {"mass": "measured", "centre": "measured", "inertia": "from shape alone"},
+        "not weighed": "its log is empty",
+        "pictures": 70,
+        "slips": [[12, 0.004, 0.1]],
+        "notes": ["shown in 2 grasps only: out of reach"],
+    }
     state.learned.append(Learned("reported_01", "reported", "too wide <for> the fingers"))
+    state.learned.append(Learned("object_02", "failed", "it was lost", "no frames"))
     write_gallery(record, state)
     page = (record.folder / "gallery.html").read_text()
-    assert "1 of 2 finished" in page and "too wide &lt;for&gt; the fingers" in page and "500 g" in page
+    assert "1 of 3 finished, 1 reported, 1 failed" in page and "too wide &lt;for&gt; the fingers" in page
+    assert "500 ± 2 g" in page and "± 0.98, ± 1.2, ± 1.4 mm" in page and "100 ± 2, 200 ± 3.9, 300 ± 120 kg·mm²" in page
+    assert '<td class="guess">100 ± 2' in page, "what was not measured stands out"
+    assert "its log is empty" in page and "out of reach" in page and "it was lost; no frames" in page
+    assert "70 pictures in 2 grasps; slipped by 4 mm and 6°" in page
     assert page.count("<canvas") == 1 and "http" not in page.replace("http-equiv", "")

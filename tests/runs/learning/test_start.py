@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,7 +13,9 @@ import pytest
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.runs.learning import start
-from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
+from twin_diagram.runs.learning.command import add_learn_command
+from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState
+from twin_diagram.runs.learning.shape_worker import FRAMES
 from twin_diagram.runs.learning.start import check_cell, learn, learn_again
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import load_scenario
@@ -99,3 +102,42 @@ def test_a_new_run_holds_its_folder_until_it_ends(tmp_path: Path, monkeypatch: p
     for resume in (False, True):
         learn(scenario, tmp_path / "run", resume=resume)
     assert len(ran) == 2
+
+
+@pytest.mark.parametrize("fault", ["", "shape", "asset"])
+def test_again_keeps_what_was_told_and_an_asset_that_cannot_be_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    scenario = changed()
+    record = LearningRecord(tmp_path / "run", scenario)
+    state = record.begin()
+    state.learned = [Learned("object_01", "finished", "it was lost; it was found and put away")]
+    (record.fresh("object_01") / FRAMES).mkdir()
+    record.save(state)
+
+    def make_shape(folder: Path) -> None:
+        if fault == "shape":
+            raise ValueError("no surface")
+
+    def finish(record: LearningRecord, one: Learned, model: object) -> None:
+        if fault:
+            one.state, one.no_asset = "failed", "no body"
+
+    monkeypatch.setattr(start, "make_shape", make_shape)
+    monkeypatch.setattr(start, "finish", finish)
+    if fault:
+        with pytest.raises(LearningError, match=r"--again object_01: .*no (body; the asset.*stays|surface)") as error:
+            learn_again(scenario, record.folder, "object_01", lambda text: None)
+        assert "\n" not in str(error.value)
+    else:
+        learn_again(scenario, record.folder, "object_01", lambda text: None)
+    (one,) = record.resume().learned
+    assert (one.state, one.told) == ("finished", "it was lost; it was found and put away")
+
+
+def test_again_and_resume_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    add_learn_command(parser.add_subparsers())
+    with pytest.raises(SystemExit) as end:
+        parser.parse_args(["learn", "bin_picking", "--out", "run", "--resume", "--again", "object_01"])
+    assert end.value.code == 2 and "not allowed with" in capsys.readouterr().err

@@ -39,6 +39,20 @@ def test_a_flat_box_is_known_by_its_upper_face(tilt: float, turned: float) -> No
     assert one.middle == pytest.approx(0.0, abs=0.005) and may_be_tipped(one, WSG, float(HIGH[2]))
 
 
+def test_what_leans_askew_is_pushed_along_its_own_edge_into_a_corner() -> None:
+    R = (Rotation.from_rotvec([0.0, 0.0, np.pi / 4]) * Rotation.from_rotvec([0.0, 0.5, 0.0])).as_matrix()
+    pushes = pushes_of(upper_face((0.21, 0.16, 0.06), R, 0.45), LOW, HIGH)
+    (one,) = (flat for flat in pushes if may_be_tipped(flat, WSG, float(HIGH[2])))
+    assert one.along == pytest.approx([np.sqrt(0.5), np.sqrt(0.5), 0.0], abs=0.02) and not one.to_wall
+    assert one.tilt == pytest.approx(0.5, abs=0.02) and one.length == pytest.approx(0.21, abs=0.005)
+    assert one.thickness == pytest.approx(0.06, abs=0.004)
+    ends = [one.far * one.along + (one.middle + side) * one.across for side in (-0.08, 0.08)]
+    at_wall = np.array(ends) + (one.wall - one.far) * one.along
+    assert (HIGH[:2] - at_wall[:, :2]).min() == pytest.approx(0.0, abs=0.005), "one of its corners is at a wall"
+    turned = Rotation.from_rotvec([0.0, 0.0, 0.3]).as_matrix()
+    assert all(flat.to_wall for flat in pushes_of(upper_face((0.21, 0.16, 0.06), turned, 0.45), LOW, HIGH))
+
+
 def test_what_is_not_flat_or_would_not_stand_out_over_the_walls_is_left() -> None:
     flat = np.eye(3)
     ball = np.random.default_rng(0).normal(size=(2000, 3))

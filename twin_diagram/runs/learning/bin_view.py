@@ -109,12 +109,14 @@ class SeenThing:
         normals: (N, 3) towards the camera.
         pixels: (N, 2) row and column.
         viewpoint: (3,) where the camera was.
+        beside: whether it lies on the table beside the bin.
     """
 
     points: Array
     normals: Array
     pixels: npt.NDArray[np.int64]
     viewpoint: Array
+    beside: bool = False
 
     @property
     def middle(self) -> Array:
@@ -138,11 +140,26 @@ def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> l
     """
     points = picture.points()
     inside = (points[..., :2] > low[:2] + TUNING.beside).all(-1) & (points[..., :2] < high[:2] - TUNING.beside).all(-1)
-    there = inside & (picture.depth > 0)
-    noise = bottom_noise(points[there][:, 2] - low[2])
+    return things_at(picture, inside & (picture.depth > 0), float(low[2]), seed)
+
+
+def things_at(
+    picture: Picture, there: npt.NDArray[np.bool_], support: float, seed: int = 0, *, beside: bool = False
+) -> list[SeenThing]:
+    """Return what stands out over a support among some pixels, the highest first.
+
+    Args:
+        picture: that shows it.
+        there: (H, W) which pixels: with depth, of the support or of what lies on it.
+        support: its height [m].
+        seed: of the points' order.
+        beside: whether that is the table beside the bin.
+    """
+    points = picture.points()
+    noise = bottom_noise(points[there][:, 2] - support)
     above, gap = max(TUNING.above, TUNING.certain * noise), max(TUNING.gap, TUNING.certain * noise)
     depth = np.where(picture.depth > 0, picture.depth, 0).astype(np.float32)
-    mask = there & (points[..., 2] > low[2] + above)
+    mask = there & (points[..., 2] > support + above)
     label, count = part(depth, mask, 1.0 / picture.camera.fx, noise, gap, TUNING.least)
     view = make_view(picture.camera, picture.depth, reach=1)
     normals = view.normals @ picture.camera.R_WC.T
@@ -156,7 +173,7 @@ def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> l
         own, bare = normals[at], np.linalg.norm(normals[at], axis=1) < 0.5
         if bare.any():
             own = np.where(bare[:, None], estimated_normals(points[at], picture.camera.p_WC), own)
-        found.append(SeenThing(points[at], own, rows, picture.camera.p_WC))
+        found.append(SeenThing(points[at], own, rows, picture.camera.p_WC, beside))
     return sorted(found, key=lambda thing: -thing.top)
 
 

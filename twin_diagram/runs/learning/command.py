@@ -15,8 +15,9 @@ def add_learn_command(commands: Any) -> None:
     )
     learn.add_argument("scenario", help="a YAML file, or the name of a scenario that comes along, e.g. bin_picking")
     learn.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the run")
-    learn.add_argument("--resume", action="store_true", help="go on with the run in that folder")
-    learn.add_argument("--again", metavar="NAME", help="make this object's asset anew from what the run kept of it")
+    mode = learn.add_mutually_exclusive_group()
+    mode.add_argument("--resume", action="store_true", help="go on with the run in that folder")
+    mode.add_argument("--again", metavar="NAME", help="make this object's asset anew from what the run kept of it")
     learn.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field")
     learn.set_defaults(command=_learn)
 
@@ -38,6 +39,6 @@ def _learn(arguments: argparse.Namespace) -> int:
         require_egl()
         state = learn(scenario, arguments.out, resume=arguments.resume, say=say)
     for one in state.learned:
-        print(f"{one.name}: {one.state}{f' ({one.why})' if one.why else ''}")
+        print(f"{one.name}: {one.state}{f' ({one.told})' if one.told else ''}")
     print(f"see {arguments.out / 'gallery.html'}")
     return 0

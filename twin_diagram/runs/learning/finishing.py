@@ -29,6 +29,7 @@ def finish(record: LearningRecord, one: Learned, model: Model) -> None:
     try:
         if not (folder / SHAPE).is_file():
             raise TwinError("it has no shape yet")
+        one.figures.pop("not weighed", None)
         shape, measured = read_shape(folder), None
         if (folder / SWUNG).is_file():
             empty = record.folder / SWUNG
@@ -37,15 +38,15 @@ def finish(record: LearningRecord, one: Learned, model: Model) -> None:
                     model, read_swung(folder / SWUNG), read_swung(empty) if empty.is_file() else None, shape
                 )
             except Exception as error:  # of logs, files, solvers: its shape is still worth an asset
-                one.figures["not weighed"] = _in_words(error)
+                one.figures["not weighed"] = in_words(error)
         figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured)
         one.figures = {**one.figures, **plain(figures)}
-        one.state = "finished"
+        one.state, one.no_asset = "finished", ""
     except Exception as error:  # of meshes, textures, files: the other objects go on
-        one.state, one.why = "failed", _in_words(error)
+        one.state, one.no_asset = "failed", in_words(error)
 
 
-def _in_words(error: Exception) -> str:
+def in_words(error: Exception) -> str:
     """Return what went wrong in a line; what is no `TwinError` says little without its kind."""
     told = " ".join(str(error).split())
     return told if isinstance(error, TwinError) else f"{type(error).__name__}: {told}".removesuffix(": ")
@@ -76,19 +77,22 @@ def write_learned(
         found = measured.turned(R_WS)
         own = replace(found, centre=found.centre - middle)
     told = AssetPlace(name, library, replace_it=True, measured=own)
+    moments, axes = np.linalg.eigh(own.inertia)
+    moments_std = own.turned(axes.T).inertia_std[:3]
     notes = [f"{100 * shape.unseen:.0f} % of the surface was never seen"]
     built = build_from_triangles(corners, shape.uv, shape.texture, told, name, unseen=shape.unseen, notes=notes)
     return {
         "mass": own.mass,
         "mass_std": own.mass_std if np.isfinite(own.mass_std) else None,
         "centre_std": own.centre_std if np.isfinite(own.centre_std).all() else None,
-        "moments": np.linalg.eigvalsh(own.inertia),
+        "moments": moments,
+        "moments_std": moments_std if np.isfinite(moments_std).all() else None,
         "by": own.by,
         "volume": built.volume,
         "size": built.size,
         "unseen": shape.unseen,
         "noise": shape.noise,
-        "notes": list(built.notes),
+        "asset_notes": [note for note in built.notes if note not in notes],
         # X_OS as rows: the frame of the pictures in the asset's.
         "R_OS": R_WS,
         "p_OS": -(middle + own.centre),

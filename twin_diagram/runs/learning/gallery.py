@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -38,6 +39,7 @@ img { max-width:100%; border-radius:8px; }
 table { border-collapse:collapse; width:100%; font-variant-numeric:tabular-nums; margin-top:8px; }
 th, td { text-align:left; padding:3px 6px; border-bottom:1px solid #eef1f5; vertical-align:top; }
 th { color:#566173; font-weight:500; width:38%; }
+.guess { background:#faf0da; }
 .failed { border-color:#d98b8b; } .reported { border-color:#d9b36b; }
 .tag { font-size:12px; padding:1px 8px; border-radius:9px; background:#e3f1e6; color:#23683a; float:right; }
 .failed .tag { background:#f8e2e2; color:#8f2525; } .reported .tag { background:#faf0da; color:#7a5510; }
@@ -65,7 +67,7 @@ document.querySelectorAll('canvas').forEach(canvas => {
           Math.cos(pitch)*v - Math.sin(pitch)*z, i]);
       }
       seen.sort((a, b) => b[2]-a[2]);
-      const size = Math.max(2*ratio, 0.05*s*radius);
+      const size = Math.max(2*ratio, 0.065*s*radius);
       for (const q of seen) { const i = 3*q[3];
         c.fillStyle = `rgb(${part.c[i]},${part.c[i+1]},${part.c[i+2]})`;
         c.fillRect(q[0]-size/2, q[1]-size/2, size, size); }
@@ -108,7 +110,11 @@ def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, Tr
             data[one.name] = clouds
         cards.append(_card(record, one, one.name in data))
     done = sum(one.state == "finished" for one in state.learned)
-    told = f"{done} of {len(state.learned)} finished, {state.sim_time:.0f} s simulated"
+    others = Counter(one.state for one in state.learned if one.state != "finished")
+    counts = "".join(f", {many} {name}" for name, many in others.items())
+    end = "the bin is done with" if state.finished else "things are still to be taken"
+    told = f"{done} of {len(state.learned)} finished{counts}; {state.sim_time:.0f} s simulated; {end}"
+    two = "; on the left what was learned, on the right the true object" if true else ""
     # Within <script> no text may end it, whatever an object is called.
     packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     atomic_file.write(
@@ -116,7 +122,8 @@ def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, Tr
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>Learned objects</title><style>{STYLE}</style></head><body><main><h1>Learned objects</h1>"
-        f"<p>{told}. Drag to turn, wheel to zoom.</p><div class='grid'>{''.join(cards)}</div></main>"
+        f"<p>{told}. Drag to turn, wheel to zoom{two}. ± holds 95 % of what may be; what is “from shape alone” "
+        f"torques did not tell: it takes an even density.</p><div class='grid'>{''.join(cards)}</div></main>"
         f'<script type="application/json" id="data">{packed}</script><script>{SCRIPT}</script></body></html>\n',
     )
 
@@ -138,37 +145,61 @@ def _card(record: LearningRecord, one: Learned, drawn: bool) -> str:
     file = record.folder / one.picture if one.picture else None
     if file is not None and file.is_file():
         view += f'<img alt="" src="data:image/png;base64,{base64.b64encode(file.read_bytes()).decode()}">'
-    rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in _rows(one))
+    rows = "".join(_row(name, text) for name, text in _rows(one))
     return (
         f'<div class="card {escape(one.state)}"><span class="tag">{escape(one.state)}</span>'
         f"<h2>{escape(one.name)}</h2>{view}<table>{rows}</table></div>"
     )
 
 
+def _row(name: str, text: str) -> str:
+    mark = ' class="guess"' if "from shape alone" in text else ""
+    return f"<tr><th>{escape(name)}</th><td{mark}>{escape(text)}</td></tr>"
+
+
 def _rows(one: Learned) -> list[tuple[str, str]]:
     """Return what the table of an object says."""
-    rows = [("what failed", one.why)] if one.why else []
+    rows = [("what failed", one.told)] if one.told else []
+    if one.state == "handled":
+        rows.append(("asset", "its shape is still being made"))
     f = one.figures
     by = f.get("by", {})
     if "mass" in f:
-        rows.append(("mass", _value(1e3 * f["mass"], f.get("mass_std"), 1e3, "g") + f" ({by.get('mass', '')})"))
-    if "moments" in f:
-        moments = ", ".join(f"{1e6 * x:.4g}" for x in f["moments"])
-        rows.append(("principal moments", f"{moments} kg·mm² ({by.get('inertia', '')})"))
+        even = " as if of water" if f.get("mass_std") is None else ""
+        rows.append(("mass", f"{_values([f['mass']], [f.get('mass_std')], 1e3)} g, {by.get('mass', '')}{even}"))
     if f.get("centre_std"):
-        rows.append(("centre known to", ", ".join(f"{1e3 * x:.2g}" for x in f["centre_std"]) + " mm"))
+        known = ", ".join(f"± {_short(1.96e3 * x)}" for x in f["centre_std"])
+        rows.append(("centre of mass", f"{known} mm, {by.get('centre', '')}"))
+    if "moments" in f:
+        moments = _values(f["moments"], f.get("moments_std") or [None] * 3, 1e6)
+        rows.append(("principal moments", f"{moments} kg·mm², {by.get('inertia', '')}"))
+    if "not weighed" in f:
+        rows.append(("not weighed", f["not weighed"]))
     if "size" in f:
         rows.append(("size", " × ".join(f"{1e3 * x:.0f}" for x in f["size"]) + " mm"))
     if "seen_share" in f:
         after = ", ".join(f"{100 * share:.1f}" for share in f.get("seen_after_grasps", []))
         rows.append(("surface seen", f"{100 * f['seen_share']:.1f} % of what some pose shows (by grasps: {after})"))
     if "unseen" in f:
-        rows.append(("surface not seen", f"{100 * f['unseen']:.1f} %"))
+        rows.append(("guessed surface", f"{100 * f['unseen']:.1f} % of the mesh, which no picture shows"))
     if f.get("pictures"):
-        slips = f.get("slips", [])
-        rows.append(("displayed", f"{f['pictures']} pictures in {one.grasps} grasps, {len(slips)} slips in the hand"))
+        slips = ", ".join(f"{1e3 * off:.0f} mm and {np.rad2deg(turn):.0f}°" for _, off, turn in f.get("slips", []))
+        grasps = f"{one.grasps} grasp{'s' if one.grasps != 1 else ''}"
+        rows.append(
+            ("displayed", f"{f['pictures']} pictures in {grasps}; " + (f"slipped by {slips}" if slips else "no slip"))
+        )
+    rows += [("note", text) for text in dict.fromkeys([*f.get("notes", []), *f.get("asset_notes", [])])]
     return rows
 
 
-def _value(value: float, std: float | None, scale: float, unit: str) -> str:
-    return f"{value:.4g} {unit}" if std is None else f"{value:.4g} ± {1.96 * scale * std:.2g} {unit}"
+def _values(values: Sequence[float], stds: Sequence[float | None], scale: float) -> str:
+    """Return values, each with half of its 95 % interval where that is known."""
+    return ", ".join(
+        f"{scale * value:.4g}" + ("" if std is None else f" ± {_short(1.96 * scale * std)}")
+        for value, std in zip(values, stds, strict=True)
+    )
+
+
+def _short(value: float) -> str:
+    """Return a number with two places that count, and without an exponent if it is of a usual size."""
+    return f"{float(f'{value:.2g}'):g}"

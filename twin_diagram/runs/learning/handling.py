@@ -17,7 +17,8 @@ from twin_diagram.logs.frames.transforms_folder import write_transforms
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.grasps import Gripper
-from twin_diagram.runs.learning.bin_view import SeenThing, things_within
+from twin_diagram.runs.learning.beside_bin import lying, stand_about, support_of, upright_points
+from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.choosing import choose
@@ -136,7 +137,7 @@ class ShownObject:
 
 
 def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Picture, list[SeenThing]]:
-    """Return a picture of the bin and what lies in it, without what was given up; the arm is out of the way.
+    """Return a picture of the bin and what lies in it and beside it, without what was given up; the arm is at home.
 
     Raises:
         LearningError: the arm cannot get out of the way.
@@ -145,9 +146,8 @@ def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Pi
         go_home(tools)
     except NoWay as why:
         raise LearningError(f"the arm cannot go home to look: {why}; check twin.home and what stands about") from why
-    low, high = (np.array(corner) for corner in tools.learning.from_bin)
     picture = steady_picture(tools.cell, tools.learning.bin_camera)
-    things = things_within(picture, low, high)
+    things = lying(picture, tools.learning, tools.faces, tools.robot)
     gone = np.array([place[:3] for place in given_up]).reshape(-1, 3)
     return picture, [t for t in things if (np.linalg.norm(gone - t.middle, axis=1) > TUNING.same_place).all()]
 
@@ -169,17 +169,18 @@ def pick(tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed:
         failed: (4, 4) poses of the tool at which it held nothing.
     """
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
-    others = [other for other in things_within(picture, low, high) if (other.middle != thing.middle).any()]
-    rest = [other.points for other in others]
-    tools.mover.stand("bin", [thing.points, *rest], float(low[2]))
-    floor = float(low[2]) + TUNING.floor
+    around = lying(picture, tools.learning, tools.faces, tools.robot)
+    others = [other for other in around if (other.middle != thing.middle).any()]
+    rest = [other.points for other in others] + upright_points(tools.faces, thing)
+    stand_about(tools.mover, tools.learning, [thing, *others])
+    floor = support_of(thing, tools.learning) + TUNING.floor
     reach, why = choose(tools.mover, tools.cell, tools.gripper, thing, (low, high), floor, rest, attempt, failed)
     if reach is None:
         return Picked(thing, why=why_barred(why, thing, others))
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return Picked(thing, why="the fingers held nothing", failed=reach.X_WT)
-    tools.mover.stand("bin", rest, float(low[2]))
+    stand_about(tools.mover, tools.learning, others)
     tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
     return Picked(thing, taken)
 

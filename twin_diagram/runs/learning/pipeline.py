@@ -113,6 +113,9 @@ class Learner:
             self._jobs.close()
             self._end_early()
             raise
+        except TwinError as why:
+            self.record.event(stage="stop", outcome=" ".join(str(why).split()))
+            raise
         finally:
             self._jobs.close()
 
@@ -326,7 +329,7 @@ class Learner:
         if left:
             self.state.given_up.append(place.tolist())
             self.record.event(object=one.name, stage="give up", why=one.why)
-            self._say(f"{one.name}: {one.why}; what lies there is left in the bin")
+            self._say(f"{one.name}: {one.why}; what lies there is left")
         return left
 
     def _report(self, picture: Picture, thing: SeenThing, why: str) -> None:
@@ -337,7 +340,7 @@ class Learner:
         self.state.learned.append(Learned(name, "reported", why, picture=file))
         self.state.given_up.append(thing.middle.tolist())
         self.record.event(object=name, stage="report", why=why, picture=file)
-        self._say(f"{name}: {why}; left in the bin")
+        self._say(f"{name}: {why}; left where it lies")
 
     def _collect(self) -> bool:
         """Write the assets of shapes that are made; whether there were any."""
@@ -347,15 +350,15 @@ class Learner:
         for done in ready:
             one = self.state.named(done.name)
             if done.why is not None:
-                one.state, one.why = "failed", done.why
+                one.state, one.no_asset = "failed", done.why
                 self.record.event(object=one.name, stage="reconstruct", outcome=done.why)
                 self._say(f"{one.name}: {done.why}")
                 continue
             finish(self.record, one, self.tools.model)
             self.record.event(
-                object=one.name, stage="asset", outcome=one.state, **({"why": one.why} if one.why else {})
+                object=one.name, stage="asset", outcome=one.state, **({"why": one.told} if one.told else {})
             )
-            self._say(f"{one.name}: {one.state}, {one.why or self.record.library / one.name}")
+            self._say(f"{one.name}: {one.state}, {one.told or self.record.library / one.name}")
         return bool(ready)
 
     def _wait(self) -> None:

@@ -61,7 +61,8 @@ class Learned:
         name: of the asset.
         state: `handled` (in the other bin, its asset still to come), `finished`, `failed` (kept with its data) or
             `reported` (it could not be handled).
-        why: what went wrong, in words; "" where nothing did.
+        why: what went wrong as it was handled, in words; "" where nothing did.
+        no_asset: why it has none, in words; "" where nothing went wrong with that.
         grasps: in how many it was shown.
         figures: numbers for people and tables.
         standing: where it was set down, see `setting_down.PutDown`; empty: it was not.
@@ -72,11 +73,17 @@ class Learned:
     name: str
     state: str = "handled"
     why: str = ""
+    no_asset: str = ""
     grasps: int = 0
     figures: dict[str, Any] = field(default_factory=dict)
     standing: list[float] = field(default_factory=list)
     picture: str = ""
     R_WS: list[list[float]] = field(default_factory=lambda: np.eye(3).tolist())
+
+    @property
+    def told(self) -> str:
+        """All that went wrong, in words."""
+        return "; ".join(filter(None, (self.why, self.no_asset)))
 
 
 @dataclass

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from twin_diagram.errors import ScenarioError
+from twin_diagram.errors import ScenarioError, TwinError
 from twin_diagram.model.model import Model
 from twin_diagram.runs.learning.cell import Observer, told_camera
 from twin_diagram.runs.learning.contact_count import ContactCount, Watchers
-from twin_diagram.runs.learning.finishing import finish
+from twin_diagram.runs.learning.finishing import finish, in_words
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.pipeline import Learner, tools_of
 from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
@@ -100,10 +100,11 @@ def learn(
 
 @one_thread()
 def learn_again(scenario: Scenario, out: str | Path, name: str, say: Say = print) -> RunState:
-    """Make an object's asset once more from the data that a run kept of it.
+    """Make an object's asset once more from the data that a run kept of it; what it had stays where that fails.
 
     Raises:
-        LearningError: no run, another scenario, another process at work in it, or no such object in it.
+        LearningError: no run, another scenario, another process at work in it, no such object in it, or its asset,
+            which it had, cannot be made.
         FramesError: its frames cannot be used.
     """
     record = LearningRecord(Path(out), scenario)
@@ -118,11 +119,18 @@ def _learn_again(scenario: Scenario, record: LearningRecord, name: str, say: Say
     if not (folder / FRAMES).is_dir():
         raise LearningError(f"--again {name}: no pictures of it were kept")
     say(f"{name}: reconstruct")
-    make_shape(folder)
-    one.why = ""
+    had = one.state == "finished"
+    try:
+        make_shape(folder)
+    except TwinError:
+        raise
+    except Exception as error:  # of pictures, solvers, memory
+        raise LearningError(f"--again {name}: its shape cannot be made: {in_words(error)}") from error
     side = scenario.twin.driver.torque_side
     finish(record, one, Model.load(scenario.twin.arm, dict(scenario.packages), torque_side=side))
-    record.event(object=name, stage="again", outcome=one.state, **({"why": one.why} if one.why else {}))
+    if had and one.state != "finished":
+        raise LearningError(f"--again {name}: {one.no_asset}; the asset that it had stays")
+    record.event(object=name, stage="again", outcome=one.state, **({"why": one.told} if one.told else {}))
     record.save(state)
     write_gallery(record, state)
     say(f"{name}: {one.state}")

@@ -90,20 +90,23 @@ class Tipping:
 
 
 def plan_tipping(tools: Tools, thing: SeenThing, picture: Picture) -> Tipping | None:
-    """Return how a flat thing is pushed to a wall and tipped up there; None: it is not flat, or there is no room.
+    """Return how a flat thing is pushed to a wall and tipped up there; None: it is not flat, or has no wall or room.
 
     Args:
         tools: of the cell; the hand is empty.
         thing: as it lies.
         picture: in which it was seen; all else in it is in the way.
     """
+    if thing.beside:
+        return None
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
     rest = [one.points for one in things_within(picture, low, high) if (one.middle != thing.middle).any()]
     tools.mover.stand("bin", [thing.points, *rest], float(low[2]))
     pushes = [one for one in pushes_of(thing, low, high) if may_be_tipped(one, tools.gripper, float(high[2]))]
     barred = in_the_way(low, high, rest)[0]
     others = np.concatenate([np.zeros((0, 3)), *rest])
-    for flat in sorted(pushes, key=lambda one: one.wall - one.far - one.tilt):
+    # A wall holds a far edge more surely than a corner does.
+    for flat in sorted(pushes, key=lambda one: (not one.to_wall, one.wall - one.far - one.tilt)):
         there, raised = way_of(flat)
         poses = tool_poses(flat, np.vstack([there, raised[:, :2]]), tools.gripper)
         if not is_clear(flat, poses, tools.gripper, barred, others):

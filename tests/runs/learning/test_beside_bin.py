@@ -1,0 +1,80 @@
+"""What lies on the table beside the bin is seen by the bin's camera, and taken like what lies in it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from tests.runs.learning.test_camera_check import SOLIDS, TOLD, box, camera
+from twin_diagram.runs.learning import handling
+from twin_diagram.runs.learning.beside_bin import lying, upright_points
+from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.camera_check import KnownFaces
+from twin_diagram.runs.learning.cell import Picture, told_camera
+from twin_diagram.runs.learning.tipping import plan_tipping
+from twin_diagram.scenario import Learning
+from twin_diagram.signals.arrays import Array
+
+FACES = KnownFaces.of(SOLIDS)
+LEARNING = Learning(
+    from_bin=[[0.276, -0.554, 0.007], [0.564, -0.166, 0.12]],
+    into_bin=[[0.276, 0.166, 0.007], [0.564, 0.554, 0.12]],
+    platform=[[0.42, -0.1, 0.0], [0.62, 0.1, 0.06]],
+)
+IN_BIN = box((0.42, -0.4, 0.032), (0.08, 0.06, 0.05))
+BESIDE = box((0.16, -0.36, 0.02), (0.09, 0.06, 0.04))
+ON_PLATFORM = box((0.5, -0.05, 0.08), (0.05, 0.05, 0.04))
+ARM = box((0.08, -0.05, 0.2), (0.1, 0.1, 0.4))
+NO_ARM: Any = SimpleNamespace(near=lambda points, q, margin, fingers: np.zeros(len(points), dtype=bool))
+
+
+def taken(*things: Any, off: Array | None = None) -> Picture:
+    """The bin's camera with noise, and edges of depth that smear over three pixels; `off`: by which it stands [m]."""
+    told = camera(TOLD["from above"], [0.0, 0.0])
+    view = told_camera(told)
+    eye = view.p_WC + (np.zeros(3) if off is None else off)
+    far = KnownFaces.of([*SOLIDS, *things]).hit(eye, (view.rays() @ view.R_WC.T).reshape(-1, 3))[1]
+    depth = ndimage.uniform_filter(far.reshape(told.height, told.width), 3)
+    depth += 8e-4 * np.random.default_rng(1).normal(size=depth.shape)
+    return Picture(np.zeros((*depth.shape, 3), np.uint8), depth.astype(np.float32), view, 0.0, np.zeros(7), np.zeros(2))
+
+
+@pytest.mark.parametrize("off", [[0.0, 0.0, 0.0], [0.002, -0.002, 0.001]])
+def test_what_lies_beside_the_bin_comes_after_what_lies_in_it(off: list[float]) -> None:
+    inside, beside = lying(taken(IN_BIN, BESIDE, ON_PLATFORM, off=np.array(off)), LEARNING, FACES, NO_ARM)
+    assert (inside.beside, beside.beside) == (False, True)
+    assert inside.middle[:2] == pytest.approx([0.42, -0.4], abs=0.01), "three pixels"
+    assert beside.middle[:2] == pytest.approx([0.16, -0.36], abs=0.01)
+    assert beside.top == pytest.approx(0.04, abs=0.004)
+
+
+def test_walls_platform_and_arm_are_no_things() -> None:
+    assert lying(taken(), LEARNING, FACES, NO_ARM) == []
+    arm: Any = SimpleNamespace(near=lambda points, q, margin, fingers: np.asarray(ARM.distance(points)[0]) < margin)
+    assert lying(taken(ARM), LEARNING, FACES, arm) == [] != lying(taken(ARM), LEARNING, FACES, NO_ARM)
+
+
+def test_what_lies_on_the_table_is_taken_from_there_and_not_tipped_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    picture, stood, asked = taken(IN_BIN, BESIDE), dict[str, tuple[int, float]](), list[Any]()
+    inside, beside = lying(picture, LEARNING, FACES, NO_ARM)
+
+    def choose(mover: Any, cell: Any, gripper: Any, one: SeenThing, corners: Any, floor: float, *rest: Any) -> Any:
+        asked.append((one, floor, len(rest[0])))
+        return None, "out of reach"
+
+    monkeypatch.setattr(handling, "choose", choose)
+    mover = SimpleNamespace(stand=lambda where, clouds, support: stood.update({where: (len(clouds), support)}))
+    tools: Any = SimpleNamespace(learning=LEARNING, mover=mover, gripper=None, cell=None, faces=FACES, robot=NO_ARM)
+    assert handling.pick(tools, beside, picture, 0, []).why == "out of reach"
+    assert handling.pick(tools, inside, picture, 0, []).why == "out of reach"
+    assert stood == {"bin": (1, 0.007), "table": (1, 0.0)}
+    floors = {one.beside: floor for one, floor, _ in asked}
+    assert floors[True] == pytest.approx(0.003) and floors[False] == pytest.approx(0.010)
+    walls = upright_points(FACES, beside)
+    assert [count for *_, count in asked] == [1 + len(walls), 1] and upright_points(FACES, inside) == []
+    assert np.isclose(np.concatenate(walls)[:, 0], 0.42 - 0.15).any(), "the outer side of the bin's wall"
+    assert plan_tipping(tools, beside, picture) is None

@@ -1,0 +1,107 @@
+"""What lies on the table beside the bin: where the bin's camera should see the table and sees something higher."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from twin_diagram.perception.segmentation.robot_shape import RobotShape
+from twin_diagram.runs.learning.bin_view import SeenThing, things_at, things_within
+from twin_diagram.runs.learning.camera_check import KnownFaces
+from twin_diagram.runs.learning.cell import Picture
+from twin_diagram.runs.learning.motion import Mover
+from twin_diagram.scenario import Learning
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    level: float = 0.002
+    """Faces within this of the table's height are the table's [m]: a bin's bottom lies 7 mm higher."""
+
+    upright: float = 0.99
+    """Least vertical share of their normals."""
+
+    stride: int = 2
+    """Every n-th pixel in each direction tells what should be seen."""
+
+    border: float = 4.0
+    """Pixels of 640 a row beside what else should be seen there that do not count: the camera is known to one or two,
+    and edges of depth smear over as many."""
+
+    robot: float = 0.03
+    """What is nearer to the arm is the arm's [m]: its shapes and its joints are not known better."""
+
+    about: float = 0.25
+    """How far from a thing upright faces are in the hand's way [m]: the hand's size."""
+
+    apart: float = 0.008
+    """Between points of such a face [m]: a finger is thrice as wide."""
+
+
+TUNING = Tuning()
+
+
+def lying(picture: Picture, learning: Learning, faces: KnownFaces, robot: RobotShape) -> list[SeenThing]:
+    """Return what a picture shows in the bin, the highest first, and then what it shows beside the bin."""
+    low, high = (np.array(corner) for corner in learning.from_bin)
+    return things_within(picture, low, high) + things_beside(picture, learning, faces, robot)
+
+
+def support_of(thing: SeenThing, learning: Learning) -> float:
+    """Return the height of what a thing lies on: the bin's bottom, or the table, on which the platform stands [m]."""
+    return learning.platform[0][2] if thing.beside else learning.from_bin[0][2]
+
+
+def stand_about(mover: Mover, learning: Learning, things: Sequence[SeenThing]) -> None:
+    """Keep ways clear of things in the bin and beside it."""
+    for where, beside in (("bin", False), ("table", True)):
+        some = [thing for thing in things if thing.beside == beside]
+        mover.stand(where, [thing.points for thing in some], support_of(some[0], learning) if some else 0.0)
+
+
+def things_beside(picture: Picture, learning: Learning, faces: KnownFaces, robot: RobotShape) -> list[SeenThing]:
+    """Return what a picture shows on the table, outside of bins and platform, the highest first.
+
+    Args:
+        picture: of the bin's camera.
+        learning: where bins and platform are; that stands on the table.
+        faces: of what stands still, the table among them.
+        robot: whose arm may be seen, too.
+    """
+    camera, table = picture.camera, learning.platform[0][2]
+    points = picture.points()
+    level = (faces.normal[:, 2] > TUNING.upright) & (np.abs(faces.middle[:, 2] - table) < TUNING.level)
+    step = slice(None, None, TUNING.stride)
+    rays = camera.rays()[step, step] @ camera.R_WC.T
+    which = faces.hit(camera.p_WC, rays.reshape(-1, 3))[0].reshape(rays.shape[:2])
+    seen = np.append(level, False)[which]  # -1, no face, is the last one
+    border = max(1, round(TUNING.border * camera.width / 640 / TUNING.stride))
+    seen = ndimage.binary_erosion(seen, np.ones((3, 3)), border, border_value=1)
+    whole = np.kron(seen, np.ones((TUNING.stride, TUNING.stride), dtype=bool))
+    there = whole[: picture.depth.shape[0], : picture.depth.shape[1]] & (picture.depth > 0)
+    for low, high in (learning.from_bin, learning.into_bin, learning.platform):
+        there &= ~((points[..., :2] > low[:2]) & (points[..., :2] < high[:2])).all(-1)
+    rows = np.argwhere(there & (points[..., 2] > table + TUNING.level))
+    arm = robot.near(points[tuple(rows.T)], picture.q, TUNING.robot, picture.fingers)
+    there[tuple(rows[arm].T)] = False
+    return things_at(picture, there, table, beside=True)
+
+
+def upright_points(faces: KnownFaces, thing: SeenThing) -> list[Array]:
+    """Return points (N, 3) of each upright face about a thing beside the bin, in random order, for fingers [m]."""
+    if not thing.beside:
+        return []
+    found, rng = list[Array](), np.random.default_rng(0)
+    for k in np.flatnonzero(np.abs(faces.normal[:, 2]) < 1.0 - TUNING.upright):
+        a, b = (np.arange(-half, half + 1e-9, TUNING.apart) for half in faces.half[k])
+        a, b = (grid.ravel() for grid in np.meshgrid(a, b))
+        wall = faces.middle[k] + a[:, None] * faces.along[k, 0] + b[:, None] * faces.along[k, 1]
+        wall = wall[np.linalg.norm(wall[:, :2] - thing.middle[:2], axis=1) < TUNING.about]
+        found += [rng.permutation(wall)] if len(wall) else []
+    return found
