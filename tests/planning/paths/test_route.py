@@ -44,7 +44,9 @@ def world(wall: Wall, **tuning: Any) -> tuple[Router, Any]:
         return SimpleNamespace(times=times, fixtures=fixtures, moving=bool((forecast.present & forecast.moving).any()))
 
     scene: Any = SimpleNamespace(
-        chain=SimpleNamespace(size=2),
+        chain=SimpleNamespace(  # its tool is always as high
+            size=2, gravity_W=np.array([0.0, 0.0, -9.81]), place=np.asarray, tool=lambda q: np.zeros((len(q), 4, 4))
+        ),
         clearance=wall,
         around=around,
         lower=np.array([-4.0, -1.0]),

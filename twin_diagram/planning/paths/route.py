@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from twin_diagram.planning.collision.chain import drawn_range
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
-from twin_diagram.planning.paths import rrt_connect
+from twin_diagram.planning.paths import lifting, rrt_connect
 from twin_diagram.planning.paths.route_tuning import RouteTuning
 from twin_diagram.planning.paths.time_optimal import SpeedProfile, profile
 from twin_diagram.signals.arrays import Array, Ints
@@ -301,17 +301,12 @@ class Router:
         return np.zeros((0, len(now.q))) if found is None else found
 
     def lifted(self, q: Array, height: float) -> Array:
-        """Return joint angles (n,) near `q` with the tool so much higher [m], within the joints' limits."""
-        chain, up = self.scene.chain, -self.scene.chain.gravity_W
-        limits = self.scene.lower, self.scene.upper
-        placement = chain.place(q[None])
-        goal = chain.tool(placement)[0, :3, 3] + height * up / max(float(np.linalg.norm(up)), 1e-9)
-        for _ in range(self.tuning.lift_steps):
-            J = chain.tool_jacobian(placement)[0, 3:]
-            off = goal - chain.tool(placement)[0, :3, 3]
-            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-3 * np.eye(3), off), *limits)
-            placement = chain.place(q[None])
-        return q
+        """Return joint angles (n,) near `q` with the tool so much higher [m], within the range that is drawn from.
+
+        A joint that is beyond it goes no further, and is not taken back to it either.
+        """
+        limits = np.minimum(self._drawn[0], q), np.maximum(self._drawn[1], q)
+        return lifting.lifted(self.scene.chain, q, height, limits, self.tuning.lift_steps)
 
     def _shortcut(self, route: Route, now: Situation, margins: Array, coarse: Array) -> Route:
         """Drop way points that are reached, or needless from here.
@@ -322,8 +317,7 @@ class Router:
         points = self._ahead(now.q, route)
         if route.aim is Aim.LINE:
             return replace(route, points=points)
-        reached = self.tuning.way_point_reached * (self.tuning.risen if self.rises else 1.0)
-        while len(points) > 1 and np.abs(points[0] - now.q).max() < reached:
+        while len(points) > 1 and self._reached(now.q, points[0]):
             points = points[1:]
         if len(points) > 1 and not self.rises:
             if self.first_blocked(now, points[-1:], margins) is None:
@@ -333,6 +327,15 @@ class Router:
                 if self.first_blocked(now, points[1:2], coarse if near else margins) is None:
                     points = points[1:]
         return replace(route, points=points)
+
+    def _reached(self, q: Array, point: Array) -> bool:
+        """Tell whether a way point (n,) is near enough to `q`; where it rises, by height, too."""
+        off = np.abs(point - q).max()
+        if not self.rises:
+            return bool(off < self.tuning.way_point_reached)
+        if off >= self.tuning.risen * self.tuning.way_point_reached:
+            return False
+        return lifting.higher(self.scene.chain, q, point) < self.tuning.lacking * self.tuning.lifts[0]
 
     def _passed(self, q: Array, points: Array) -> bool:
         """Tell whether the first way point of a line lies behind `q` (n,), or is reached."""

@@ -40,7 +40,9 @@ class RouteTuning:
     """A way point this near is passed [rad]: half a checked step."""
     risen: float = 2.0
     """What rests on something has been lifted off that from so many times this near the end of its rise on [1]: a lift
-    of 6 cm takes 0.15 rad and more."""
+    of 6 cm takes 0.15 rad and more, mostly, …"""
+    lacking: float = 0.3
+    """… and no sooner than this share of the least lift is lacking [1]: of some arms a lift takes 0.08 rad."""
     way_point_near: float = 0.3
     """From this near a way point is dropped where the way beyond is just free [rad]: the motion rounds corners off."""
     line_acceleration: float = 0.8
