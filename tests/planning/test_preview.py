@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -142,6 +143,20 @@ def test_old_errors_fade() -> None:
     for _ in range(count):
         kept = kept.learned(np.zeros(1), np.zeros((2, 1)))
     assert kept.squares[0, 0, 0, 0] == pytest.approx(np.exp(-1.0), rel=0.02)
+
+
+def test_what_is_asked_right_after_a_preview_was_kept_is_of_the_same_kind() -> None:
+    """A drawing falls on the tick that keeps a preview: a plan that had not moved since passed for one that rests."""
+    kept, k = Foresight.begin(1), 0
+    for k in range(40):
+        kept = kept.learned(np.full(1, 0.1 * k), np.full((2, 1), 0.1 * (k + 15) + 0.01))
+    resting, going = kept.squares[:, 0, 0, 0]
+    assert going == pytest.approx(1e-4) and resting in (0.0, pytest.approx(1e-4))
+    q, now = np.full(1, 0.1 * k), kept.waiting[-1]
+    assert kept.goes_on(now, back=2)
+    assert kept.square(now, q)[0, 0] == pytest.approx(going)
+    halfway = replace(kept, squares=kept.squares * np.array([4.0, 1.0])[:, None, None, None])
+    assert halfway.square(now, q)[0, 0] == pytest.approx(going)
 
 
 def test_what_a_plan_says_on_its_way_is_surer_than_that_it_will_rest(panda: Model) -> None:

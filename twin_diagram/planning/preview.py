@@ -52,9 +52,9 @@ class Foresight:
         """Which way was nearer of late; the first one if neither."""
         return int(np.argmin(self.counts @ np.trace(self.squares, axis1=2, axis2=3)))
 
-    def goes_on(self, foreseen: Array) -> bool:
-        """Return whether a plan (2, n), `foreseen` now, is on its way: since the last preview it moved on."""
-        return bool(np.abs(foreseen[0] - self.waiting[-1, 0]).max() * RATE > SLOW)
+    def goes_on(self, foreseen: Array, back: int = 1) -> bool:
+        """Return whether a plan (2, n), `foreseen` now, is on its way: since so many previews ago it moved on."""
+        return bool(np.abs(foreseen[0] - self.waiting[-back, 0]).max() * RATE > back * SLOW)
 
     def square(self, foreseen: Array, q: Array) -> Array:
         """Return the mean square (n, n) of the errors of such a preview made at q (n,).
@@ -62,7 +62,7 @@ class Foresight:
         Before one like it came due it may be off by the whole way. In which directions they are off is known as well as
         there were motions, of a second each: until there are more of these than joints, mostly by their size.
         """
-        kind, n = int(self.goes_on(foreseen)), len(q)
+        kind, n = int(self.goes_on(foreseen, back=2)), len(q)  # the last preview may be of this very moment
         way = foreseen[self.better] - q
         square = self.squares[kind, self.better] if self.counts[kind] else np.outer(way, way)
         motions = min(self.counts[kind] / RATE, REMEMBERED) / AHEAD
