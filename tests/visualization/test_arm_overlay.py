@@ -171,7 +171,7 @@ def test_the_ellipsoids_are_the_covariance_at_every_time_of_the_recording(
         page.run(f"viewer.animator.seek({at})")
         q, v = motion(at)
         for name, ahead, std, own, p_T, scale in (
-            ("now", 0.0, STD_Q, 0.0, np.zeros(3), MAGNIFIED),
+            ("now", 0.0, STD_Q, 0.0, np.zeros(3), 3.0 * MAGNIFIED),
             ("then", AHEAD, STD_THEN, 2e-3, HELD.X_TO[4:], 1.0),
         ):
             if ahead and at < 0.5:
@@ -179,7 +179,7 @@ def test_the_ellipsoids_are_the_covariance_at_every_time_of_the_recording(
             X_WT, _, J = kinematics(recorded[1], q + ahead * v, p_T)
             X = pose(page, name, "sphere", "<object>")
             np.testing.assert_allclose(X[:3, 3], X_WT[:3, 3] + X_WT[:3, :3] @ p_T, atol=4e-3)
-            shape = X[:3, :3] @ X[:3, :3].T / (3.0 * scale) ** 2
+            shape = X[:3, :3] @ X[:3, :3].T / scale**2
             expected = std**2 * J @ J.T + own**2 * np.eye(3)
             np.testing.assert_allclose(shape, expected, atol=0.06 * expected.max())
 

@@ -14,7 +14,7 @@ from twin_diagram.scene.twin_scene import TwinScene
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
 from twin_diagram.signals.rotations import matrix, normalized
-from twin_diagram.visualization.ellipsoids import ellipsoid
+from twin_diagram.visualization.ellipsoids import DEVIATIONS, ellipsoid
 
 PATH: Final = "arm_overlay"
 """Where meshcat's tree holds it."""
@@ -24,8 +24,10 @@ GHOST: Final = Rgba(0.55, 0.20, 0.85, 0.30)
 """Violet, and clear enough to see the arm through it."""
 NOW: Final = Rgba(0.95, 0.55, 0.05, 0.6)
 """Orange: the hand's covariance at present."""
-THEN: Final = Rgba(0.55, 0.20, 0.85, 0.6)
-"""The ghost's violet: the covariance of what is foreseen."""
+THEN: Final = Rgba(0.55, 0.20, 0.85, 0.25)
+"""The ghost's violet, as clear: the covariance of what is foreseen."""
+FORESEEN: Final = 1.0
+"""How many standard deviations that ellipsoid's surface is from its centre: three would hide the hand."""
 LEAST: Final = 0.01
 """A ghost that is nearer to the arm than this in every joint is not shown [rad or m]."""
 
@@ -50,9 +52,9 @@ class ArmOverlay(LeafSystem):
         preview_covariance: (n²) of that, row by row.
         hand: (HAND_SIZE) what is held, which goes with the arm; see `signals.hand`.
 
-    Rate: that of the drawing [1/s]. Everything is recorded while meshcat records. An ellipsoid spans three standard
-    deviations: orange of the tool frame's origin now, magnified by `MAGNIFIED`; violet, in its true size, of that
-    origin as foreseen, or of what is held.
+    Rate: that of the drawing [1/s]. Everything is recorded while meshcat records. An orange ellipsoid spans three
+    standard deviations of the tool frame's origin now, magnified by `MAGNIFIED`, a violet one one standard deviation,
+    in its true size, of that origin as foreseen, or of what is held.
     """
 
     def __init__(self, meshcat: Meshcat, scene: TwinScene, covariance_size: int, rate: float = 15.0) -> None:
@@ -110,13 +112,13 @@ class ArmOverlay(LeafSystem):
         q_then = np.array(self._previewed_in.Eval(context))
         hand = Hand.unpack(np.array(self._hand_in.Eval(context))) if self._hand_in.HasValue(context) else Hand()
         self._place(q)
-        self._draw_ellipsoid("now", P, np.zeros(3), np.zeros((3, 3)), MAGNIFIED, time)
+        self._draw_ellipsoid("now", P, np.zeros(3), np.zeros((3, 3)), DEVIATIONS * MAGNIFIED, time)
         self._place(q_then)
         held = hand.held != NOTHING
         hand = hand if held else Hand()
         X_TO = RigidTransform(RotationMatrix(matrix(normalized(hand.X_TO[:4]))), hand.X_TO[4:])
         S = cast(Array, self._unsure_in.Eval(context)).reshape(n, n)
-        self._draw_ellipsoid("then", S, X_TO.translation(), hand.covariance[3:, 3:], 1.0, time)
+        self._draw_ellipsoid("then", S, X_TO.translation(), hand.covariance[3:, 3:], FORESEEN, time)
         apart = bool(np.abs(q_then - q).max() > LEAST)
         self._meshcat.SetProperty(f"{PATH}/ghost", "visible", apart, time)
         self._meshcat.SetProperty(f"{PATH}/then", "visible", apart, time)
@@ -141,7 +143,7 @@ class ArmOverlay(LeafSystem):
         positions[self._scene.arm_position_index] = q
         self._scene.plant.SetPositions(self._kinematics, cast(Any, positions))
 
-    def _draw_ellipsoid(self, name: str, P: Array, p_TO: Array, own: Array, scale: float, time: float) -> None:
+    def _draw_ellipsoid(self, name: str, P: Array, p_TO: Array, own: Array, deviations: float, time: float) -> None:
         """Draw how sure a point p_TO (3,) of the hand is [m], by P (n, n) of q and what is `own` to it, (3, 3) in T."""
         plant, tool = self._scene.plant, self._tool()
         J = plant.CalcJacobianTranslationalVelocity(
@@ -149,6 +151,6 @@ class ArmOverlay(LeafSystem):
         )[:, self._velocity_index]
         X_WT = tool.CalcPoseInWorld(self._kinematics)
         R_WT = X_WT.rotation().matrix()
-        R_WE, lengths = ellipsoid(J @ P @ J.T + R_WT @ own @ R_WT.T, scale=scale)
+        R_WE, lengths = ellipsoid(J @ P @ J.T + R_WT @ own @ R_WT.T, deviations)
         self._meshcat.SetTransform(f"{PATH}/{name}", RigidTransform(R_WE, X_WT.multiply(p_TO)), time)
         self._meshcat.SetProperty(f"{PATH}/{name}/sphere", "scale", lengths.tolist(), time)
