@@ -64,7 +64,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, TwinScene]
     builder.Connect(still.get_output_port(), scene.positions_input)
     meshcat = open_meshcat()
     scenes = add_meshcat(builder, meshcat, scene.query_output)
-    scenes.set_view()
+    scenes.set_view((1.4, -0.65, 0.75), (0.4, 0.0, 0.2))
     P = np.zeros((16, 16))  # of two parameters as well
     P[np.arange(14), np.arange(14)] = np.repeat([STD_Q, STD_V], 7) ** 2
     overlay = builder.AddSystem(

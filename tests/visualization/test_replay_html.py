@@ -173,7 +173,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SimStation
     make_ghost(scene)
     meshcat = open_meshcat()
     scenes = add_meshcat(builder, meshcat, scene.query_output, station.GetOutputPort(ports.QUERY_OBJECT))
-    scenes.set_view()
+    scenes.set_view((1.4, -0.65, 0.75), (0.4, 0.0, 0.2))
     overlay = builder.AddSystem(MeshcatOverlay(meshcat, scene, 4))
     plan_source = builder.AddSystem(ConstantVectorSource(np.tile(plan.twin.home, 4)))
     goal = builder.AddSystem(ConstantVectorSource([0, 1, 0, 0, 0.5, -0.25, 0.16]))

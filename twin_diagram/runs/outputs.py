@@ -32,6 +32,7 @@ from twin_diagram.visualization.ghost import make_ghost
 from twin_diagram.visualization.meldis import add_meldis
 from twin_diagram.visualization.meshcat import FRAME_RATE, MeshcatScenes, add_meshcat, open_meshcat
 from twin_diagram.visualization.scene_overlay import MeshcatOverlay
+from twin_diagram.visualization.view import points_along, view_of_arm
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Looking:
     ) -> None:
         rate = FRAME_RATE if self._recorded is None else min(FRAME_RATE, TUNING.most_frames / self._recorded)
         self.scenes = add_meshcat(builder, meshcat, query, real, rate)
-        self.scenes.set_view()
+        self.scenes.set_view(*view_of_arm(points_along(twin.scene)))
         plan = twin.diagram.GetOutputPort("plan")
         overlay = MeshcatOverlay(meshcat, twin.scene, plan.size() // len(twin.model.joints), min(rate, 15.0))
         builder.AddNamedSystem("overlay", overlay)

@@ -12,6 +12,7 @@ from pydrake.geometry import Meshcat, MeshcatParams, MeshcatVisualizer, MeshcatV
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from twin_diagram.runtime import atomic_file
+from twin_diagram.signals.arrays import Array
 
 FRAME_RATE: Final = 30.0
 """Frames per second, live and recorded."""
@@ -47,7 +48,7 @@ class MeshcatScenes:
     real: MeshcatVisualizer | None
     twin: MeshcatVisualizer
 
-    def set_view(self, p_WV: Sequence[float] = (1.4, -0.65, 0.75), p_WT: Sequence[float] = (0.4, 0.0, 0.2)) -> None:
+    def set_view(self, p_WV: Sequence[float] | Array, p_WT: Sequence[float] | Array) -> None:
         """Look from p_WV [m] to p_WT [m] in front of a light, empty background."""
         self.meshcat.SetProperty("/Grid", "visible", False)
         self.meshcat.SetProperty("/Axes", "visible", False)
