@@ -53,8 +53,8 @@ class Tuning:
     """Without anywhere to go the arm comes to rest in about this time [s]."""
 
     ahead: float = 0.1
-    """What is followed on a straight line is so far ahead [s]: by so much a plan lags, whose first acceleration is that
-    of the one before. Descents of 6 cm then run past their end by 0.4 mm, where they did by 2."""
+    """What is followed is so far ahead on its way [s]: by so much a plan lags, whose first acceleration is that of the
+    one before. Descents of 6 cm then run past their end by 0.4 mm, where they did by 2."""
 
     standing: float = 0.02
     """A plan that moves no joint by more than this [rad] stands: it may have found no way between margins …"""
@@ -210,7 +210,7 @@ class MotionPlanner:
         old_q, _, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
         line = route.aim is Aim.LINE
-        reference = way.at(samples + (TUNING.ahead if line else 0.0))
+        reference = way.at(samples + TUNING.ahead)
         if route.aim is Aim.NOTHING:
             reference = np.repeat(stop[None], len(samples), axis=0)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)

@@ -49,6 +49,8 @@ class RouteTuning:
     """Straight lines in space are set off along with this share of the acceleration …"""
     line_braking: float = 0.2
     """… and braked on with this share of that: the arm follows late, and would run past their end."""
+    braking: float = 0.6
+    """Other ways are braked on with this share of the acceleration, for the same reason."""
     station_reached: float = 0.01
     """A way point of a straight line this near is passed [rad]: a fifth of what lies between two."""
     refuge_tries: int = 48
