@@ -150,6 +150,17 @@ def test_what_is_next_to_impossible_and_what_holds_the_named_law_are_said_so(mod
     assert "too small to show" not in read(report.page(subject(model, shown, far)))
 
 
+def test_what_suits_the_runs_as_well_is_said_to_have_been_decided_by_how_usual_it_is(
+    model: Model, shown: Shown
+) -> None:
+    """A distance of 0 alone would not say what then decided."""
+    near = Separation("payload on wrist_3_link", "inertial_parameters on forearm_link", 0.0, "static poses")
+    told = replace(bench.verdict("named", [bench.friction_finding()]), separation=(near,))
+    assert "how usual each is decided, not the data; static poses" in read(report.page(subject(model, shown, told)))
+    far = replace(told, separation=(replace(near, distance=1.1),))
+    assert "how usual each is" not in read(report.page(subject(model, shown, far)))
+
+
 def test_where_nothing_was_found_nothing_is_said_to_come_near_it(model: Model, shown: Shown) -> None:
     text = read(report.page(subject(model, shown, bench.verdict("none", []))))
     assert "comes near" not in text and "no effect that the model lacks" in text

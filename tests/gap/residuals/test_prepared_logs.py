@@ -91,12 +91,15 @@ def test_the_band_ends_where_position_noise_is_a_third_of_the_torques(
 
 
 def test_no_band_is_narrower_than_motion() -> None:
-    assert trusted_band(ARM, log_of(4.0, 250.0, 1e-4, 1e-4)) == 8.0
+    noisy = log_of(4.0, 250.0, 1e-4, 1e-4)
+    wrist = 1e-3 * np.outer(np.sin(30.0 * noisy.time), np.arange(6) == 5)
+    assert trusted_band(ARM, replace(noisy, position=noisy.position + wrist)) == 8.0, "where one joint does"
+    assert trusted_band(ARM, noisy) == 4.0, "where nothing moves faster, at whatever rate"
     for rate, known in ((63.0, False), (65.0, True)):
         log = log_of(4.0, rate)
         brisk = replace(log, position=log.position + 1e-3 * np.sin(30.0 * log.time)[:, None])
         assert np.isfinite(trusted_band(ARM, brisk)) == known, "eight samples per period"
-    assert trusted_band(ARM, log_of(20.0, 50.0, 1e-4, 1e-4)) == 4.0, "where nothing moves faster"
+    assert trusted_band(ARM, log_of(20.0, 50.0, 1e-4, 1e-4)) == 4.0
     still = log_of(4.0)
     assert trusted_band(ARM, replace(still, position=np.zeros_like(still.position))) == np.inf
 

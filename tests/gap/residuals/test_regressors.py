@@ -52,11 +52,11 @@ def log_with(wrist: Array | None = None, asked: Array | None = None) -> Log:
     return Log(time, GIVEN.joints, q + 2e-6 * rng.normal(size=q.shape), torque=tau)
 
 
-def coarse_log(step: float, rate: float) -> tuple[Log, Array]:
-    """20 s of slow sines, logged by encoders of some step [rad], and the torque without noise."""
+def coarse_log(step: float, rate: float, shake: float = 0.0) -> tuple[Log, Array]:
+    """20 s of slow sines, the last joint shaken at 5 Hz [rad], by encoders of some step, and the exact torque."""
     rng, time = np.random.default_rng(3), np.arange(round(20.0 * rate)) / rate
     q, v, a = np.tile(HOME, (len(time), 1)), np.zeros((len(time), 6)), np.zeros((len(time), 6))
-    for frequency, size in ((0.06, 0.4), (0.14, 0.2), (0.27, 0.08)):
+    for frequency, size in ((0.06, 0.4), (0.14, 0.2), (0.27, 0.08), (5.0, np.append(np.zeros(5), shake))):
         w = 2.0 * np.pi * frequency * rng.uniform(0.8, 1.2, 6)
         angle = w * time[:, None] + rng.uniform(0.0, 6.0, 6)
         q += size * np.sin(angle)
@@ -69,7 +69,7 @@ def coarse_log(step: float, rate: float) -> tuple[Log, Array]:
 
 def test_what_coarse_encoders_do_to_accelerations_is_no_load() -> None:
     """The residual holds the same noise, so that it would seem to follow the load."""
-    log, exact = coarse_log(1e-4, 100.0)
+    log, exact = coarse_log(1e-4, 100.0, 3e-4)
     records = prepare(GIVEN, [log])
     (record,), (load,) = records.records, given_load(records)
     off = [lowpass(x - exact, record.rate, record.band)[record.kept, LIFT] for x in (record.given, load)]
@@ -79,9 +79,10 @@ def test_what_coarse_encoders_do_to_accelerations_is_no_load() -> None:
     assert given_load(fine)[0] is fine.records[0].given
 
 
-def test_a_clean_log_of_slow_motion_by_coarse_encoders_lacks_nothing() -> None:
+@pytest.mark.parametrize("rate", [50.0, 100.0])
+def test_a_clean_log_of_slow_motion_by_coarse_encoders_lacks_nothing(rate: float) -> None:
     """Accelerations are noise above 5 Hz there: it was `unknown`, as the residual followed its own noise."""
-    log, _ = coarse_log(1e-4, 50.0)
+    log, _ = coarse_log(1e-4, rate)
     records = prepare(GIVEN, [log])
     assert 4.0 <= records.records[0].band < 6.0
     assert name(GIVEN, [log], records=records).verdict == "none"

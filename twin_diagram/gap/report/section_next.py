@@ -22,6 +22,9 @@ MOST_DIFF = 120
 TOSS_UP = 4.0
 """Distance below which data do not tell two explanations apart."""
 
+UNTOLD = 1.0
+"""Distance below which the other explanation suits these runs as well: one deviation of their noise."""
+
 
 def difference(subject: Subject) -> str:
     """Return the effects of both models, as a difference of two texts."""
@@ -110,10 +113,12 @@ def _unit(model: Model) -> str:
 
 
 def _near(pair: Separation, experiment: str) -> str:
-    named, other = (claim.partition(" on ")[0] for claim in (pair.a, pair.b))
+    (named, _, at), (other, _, there) = (claim.partition(" on ") for claim in (pair.a, pair.b))
     # The wider law is never worse; that it is not named says that what it has more was not worth its price.
-    within = named in record_of(other).wider_than and pair.distance < TOSS_UP
+    within = at == there and named in record_of(other).wider_than and pair.distance < TOSS_UP
     note = "holds the named law within it; what it has more is too small to show here; " if within else ""
+    if pair.distance < UNTOLD and not within:
+        note = "suits these runs as well: how usual each is decided, not the data; "
     return (
         f"<tr><td>{escape(_say(pair.a))}</td><td>{escape(_say(pair.b))}</td>"
         f'<td class="n">{pair.distance:.1f}</td><td>{escape(note + experiment)}</td></tr>'

@@ -22,7 +22,7 @@ class Tuning:
     """Motion of arms and the edges of dry friction need at least this [Hz]."""
 
     slow_band: float = 4.0
-    """Slow logs of slow motion need at least this [Hz]."""
+    """Logs of slow motion need at least this [Hz]."""
 
     slow: float = 1.5
     """Times its noise that a position may have above that band where it moves slowly."""
@@ -46,12 +46,10 @@ def trusted_band(model: Model, log: Log) -> float:
     White position noise of density S becomes inertial torque of I² (2π f)⁴ S. Regressors that hold a good part of it
     would be biased towards zero.
     """
-    rate = 1.0 / log.period
-    least = TUNING.least_band
-    if rate < 8.0 * least:
-        if not slow(log):  # noise is hard to tell from motion there
-            return np.inf
-        least = TUNING.slow_band
+    crawls = slow(log)
+    if 1.0 / log.period < 8.0 * TUNING.least_band and not crawls:  # noise is hard to tell from motion there
+        return np.inf
+    least = TUNING.slow_band if crawls else TUNING.least_band
     density = []
     for signal in (log.position, log.motor_torque):
         rough = np.diff(signal, 4, axis=0) / np.sqrt(70.0)  # of white noise, the same variance
