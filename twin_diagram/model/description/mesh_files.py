@@ -1,4 +1,4 @@
-"""Turns meshes that Drake does not read (STL, PLY, OFF, COLLADA, GLB, OBJ without normals) into those it does; caches them."""
+"""Turns meshes that Drake does not read (STL, PLY, OFF, COLLADA, GLB, plain OBJ) into such as it does, in a cache."""
 
 from __future__ import annotations
 
