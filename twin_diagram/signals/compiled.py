@@ -17,11 +17,15 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.signals import compile_notice
+
 Scalar = TypeVar("Scalar", bound=np.generic)
 F = TypeVar("F", bound=Callable[..., object])
 
 PACKAGE = Path(__file__).resolve().parents[1]
 """The folder of `twin_diagram`."""
+
+compile_notice.install()
 
 
 def compiled(function: F) -> F:

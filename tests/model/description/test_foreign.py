@@ -94,6 +94,18 @@ OBJ = "\n".join(
     [f"v {x:g} {y:g} {z:g}" for x, y, z in CORNERS] + ["f " + " ".join(str(k + 1) for k in quad) for quad in QUADS]
 ).encode()
 """Without normals, as many programs write it."""
+OFF = "\n".join(
+    ["OFF", "8 6 0", *(f"{x:g} {y:g} {z:g}" for x, y, z in CORNERS), *("4 {} {} {} {}".format(*quad) for quad in QUADS)]
+).encode()
+
+
+def ply() -> bytes:
+    """The same box of quads, binary, as Blender and MeshLab write it."""
+    head = (
+        "ply\nformat binary_little_endian 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
+    )
+    head += "element face 6\nproperty list uchar int vertex_indices\nend_header\n"
+    return head.encode() + CORNERS.astype("<f4").tobytes() + b"".join(struct.pack("<B4i", 4, *quad) for quad in QUADS)
 
 
 def glb() -> bytes:
@@ -134,6 +146,8 @@ def glb() -> bytes:
         ("box.stl", binary_stl(TRIANGLES), (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
         ("Box.STL", letters_stl(TRIANGLES), (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
         ("box.dae", dae(), (-0.2, 0.0, 1.0), (0.0, 0.1, 1.3)),
+        ("box.ply", ply(), (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
+        ("box.off", OFF, (0.0, 0.0, 0.0), (0.1, 0.2, 0.3)),
     ],
 )
 def test_meshes_that_drake_does_not_read(
@@ -337,3 +351,31 @@ def test_a_last_link_without_a_shape_can_be_planned_with(tmp_path: Path) -> None
     (tmp_path / "arm.urdf").write_text("".join(['<robot name="a"><link name="base"/>', *links, *joints, "</robot>"]))
     arm = ArmModel(model=str(tmp_path / "arm.urdf"), tool_frame="")
     assert load_scene(arm, [Fixture(model="scenes/table.sdf")], {}).chain.size == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("box.ply", ply()[:-30], "not a mesh that can be read"),
+        ("box.off", OFF[:40], "not a mesh that can be read"),
+        ("cloud.ply", ply().split(b"element face")[0] + b"end_header\n" + bytes(96), "no triangles"),
+    ],
+)
+def test_meshes_that_are_none(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ModelError, match=words) as refused:
+        mesh_files.readable(tmp_path / name)
+    assert name in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_two_like_arms_in_one_description_are_refused(tmp_path: Path) -> None:
+    """Names tell an arm's joints: the first model's were taken, and a run ended in a traceback."""
+    (tmp_path / "arm.urdf").write_text(urdf("box.obj").replace("<visual>", "<!--").replace("</collision>", "-->"))
+    (tmp_path / "package.xml").write_text("<package><name>cell</name></package>")
+    both = "".join(f"- add_model: {{name: {name}, file: package://cell/arm.urdf}}\n" for name in ("left", "right"))
+    (tmp_path / "both.dmd.yaml").write_text(f"directives:\n{both}")
+    for joints in ([], ["lift"]):
+        with pytest.raises(ModelError, match="joint 'lift' is in left and in right"):
+            Model.load(
+                ArmModel(model=str(tmp_path / "both.dmd.yaml"), tool_frame="", joints=joints), {"cell": tmp_path}
+            )

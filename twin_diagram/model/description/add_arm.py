@@ -212,6 +212,7 @@ def add_arm(
     parts = _parts(spec, packages)
     following = unparsed.of_all(unparsed.following, parts)
     arm_joints, gripper_joints = _choose(spec, every, motors, following)
+    joint_tree.refuse_alike(spec.model, plant, instances, arm_joints)
     if spec.joints:
         driven = {int(joint.index()) for joint in gripper_joints}
         still = [joint for joint in held_joints.beside(arm_joints, every) if int(joint.index()) not in driven]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from pydrake.multibody.tree import Joint
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, ModelInstanceIndex
 
 from twin_diagram.errors import ModelError
 
@@ -66,3 +67,25 @@ def _refuse(path: str, what: str) -> None:
     raise ModelError(
         f"{path}: the joints form a closed loop: {what}; such a robot is not modelled: leave one joint out"
     )
+
+
+def refuse_alike(
+    path: str, plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex], arm: Sequence[Joint]
+) -> None:
+    """Raise ModelError where a joint or link of an arm has a namesake in another model: names tell them apart.
+
+    Args:
+        path: of the description.
+        plant: that holds it.
+        instances: the models that it adds.
+        arm: joints of the arm.
+    """
+    links = [joint.child_body() for joint in arm]
+    for kind, own, there in (("joint", arm, plant.HasJointNamed), ("link", links, plant.HasBodyNamed)):
+        for name in (each.name() for each in own):
+            models = [plant.GetModelInstanceName(instance) for instance in instances if there(name, instance)]
+            if len(models) > 1:
+                raise ModelError(
+                    f"{path}: {kind} {name!r} is in {' and in '.join(models)}: names must tell a robot's arms apart; "
+                    "give one arm's own description (X_WB: where its base stands)"
+                )

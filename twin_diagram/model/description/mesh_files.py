@@ -1,8 +1,9 @@
-"""Turns meshes that Drake does not read (STL, COLLADA, GLB, OBJ without normals) into such as it does, in a cache."""
+"""Turns meshes that Drake does not read (STL, PLY, OFF, COLLADA, GLB, plain OBJ) into such as it does, in a cache."""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import re
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from twin_diagram.model.description import collada, scene_files
 from twin_diagram.runtime import atomic_file, users_cache
 from twin_diagram.signals.arrays import Array
 
-TURNED: frozenset[str] = frozenset({".stl", ".dae", ".glb"})
+TURNED: frozenset[str] = frozenset({".stl", ".ply", ".off", ".dae", ".glb"})
 """Suffixes, in small letters, of the meshes that are turned, whatever is in them."""
 
 _LAYOUT = "1"
@@ -114,8 +115,12 @@ def _read(path: Path, made: Callable[[], bytes]) -> bytes:
 
 
 def _corners(path: Path, content: bytes) -> Array:
+    suffix = path.suffix.lower()
     try:
-        corners = collada.corners(content) if path.suffix.lower() == ".dae" else stl_corners(content)
+        if suffix in (".ply", ".off"):
+            corners = _corners_by_trimesh(content, suffix[1:])
+        else:
+            corners = collada.corners(content) if suffix == ".dae" else stl_corners(content)
     except ValueError as error:
         raise ModelError(f"{path}: not a mesh that can be read: {' '.join(str(error).split())}") from error
     if not len(corners):
@@ -123,6 +128,21 @@ def _corners(path: Path, content: bytes) -> Array:
     if not np.all(np.isfinite(corners)):
         raise ModelError(f"{path}: a vertex of the mesh is not finite")
     return corners
+
+
+def _corners_by_trimesh(content: bytes, kind: str) -> Array:
+    """Return the corners (T, 3, 3) of a PLY's or OFF's triangles; none where it holds points alone.
+
+    Raises:
+        ValueError: it is cut off, or something else.
+    """
+    import trimesh
+
+    try:
+        read = trimesh.load(io.BytesIO(content), file_type=kind, process=False)
+    except Exception as error:  # its readers raise whatever they stumble over
+        raise ValueError(f"it is cut off, or no {kind.upper()}") from error
+    return np.asarray(read.triangles, dtype=float) if isinstance(read, trimesh.Trimesh) else np.zeros((0, 3, 3))
 
 
 def stl_corners(content: bytes) -> Array:
