@@ -438,6 +438,13 @@ def test_turn_and_shift_of_the_object_go_together(yaw: float) -> None:
         assert share > 0.85 if likely else share < 0.7
 
 
+def test_a_tables_normal_may_have_any_length() -> None:
+    table = np.array([0.0, 0.6, 0.8, -0.05])
+    told = box_target(0.05, 0.05, 0.05, table=4.0 * table)
+    np.testing.assert_allclose(told.table, table)
+    np.testing.assert_allclose(told.up, table[:3])
+
+
 def test_table_and_other_things_stay_where_they_are_when_the_object_lies_a_little_off() -> None:
     half = 0.018
     cloud = surface_cloud(box_triangles(0.04, 0.04, 2 * half), 2000, 0)
