@@ -41,7 +41,7 @@ def test_the_unseen_wait_upright_five_metres_down_a_metre_apart() -> None:
     np.testing.assert_array_equal(parked_poses(3), expected)
     made = scene(library={"one": "objects/can", "two": "objects/gelatin_box"})
     np.testing.assert_array_equal(made.default_positions[made.object_position_index], expected[:2])
-    np.testing.assert_array_equal(made.symmetry_axes_O, [[0, 0, 1.0], [0, 0, 0]])
+    np.testing.assert_array_equal([kind.axis for kind in made.kinds], [[0, 0, 1.0], [0, 0, 0]])
 
 
 def test_fixtures_stand_where_they_are_told() -> None:

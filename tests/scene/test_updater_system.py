@@ -130,7 +130,7 @@ def test_positions_hold_the_poses_and_the_home(made: tuple[TwinScene, SceneGraph
     scene = made[0]
     np.testing.assert_allclose(scene.default_positions[scene.arm_position_index], 0.1 * np.arange(7))
     np.testing.assert_array_equal(scene.default_positions[scene.object_position_index], parked_poses(2))
-    np.testing.assert_array_equal(scene.symmetry_axes_O, [[0, 0, 0], [0, 0, 1.0]])
+    np.testing.assert_array_equal([kind.axis for kind in scene.kinds], [[0, 0, 0], [0, 0, 1.0]])
     run.show(0.0, AT, (1.0, 0.0))
     run.updater.GetInputPort("arm_state").FixValue(run.context, np.arange(14.0))
     tracks = run.to(0.05)

@@ -96,11 +96,6 @@ class TwinScene:
     further_input: InputPort
     query_output: OutputPort
 
-    @property
-    def symmetry_axes_O(self) -> Array:
-        """(K, 3) axis of symmetry in O of each of the library's objects, zeros where there is none."""
-        return np.array([kind.axis for kind in self.kinds[: len(self.object_names)]]).reshape(-1, 3)
-
     def add_kind(self, name: str, folder: Path, packages: Mapping[str, str | Path] | None = None) -> int:
         """Take in the shapes of an asset that came later; answer its number.
 

@@ -208,6 +208,16 @@ def test_dry_friction_that_wears_is_taken_off_a_dip() -> None:
     assert len(merged([dip], [spec("coulomb_friction", [B], torque=-1.0)])) == 2, "another joint's"
 
 
+def test_an_effect_is_gone_only_where_all_of_its_sizes_are_nothing() -> None:
+    there = effect("coulomb_friction", [A], torque_positive=2.0, torque_negative=3.0)
+    (left,) = merged([there], [spec("coulomb_friction", [A], torque_positive=-2.0, torque_negative=-1.0)])
+    assert (left.value("torque_positive")[0], left.value("torque_negative")[0]) == (0.0, 2.0)
+    assert merged([there], [spec("coulomb_friction", [A], torque_positive=-2.0, torque_negative=-3.0)]) == []
+    coupled = effect("coupled_friction", [A, B], damping=0.0, torque=3.0)
+    (both,) = merged([coupled], [spec("coupled_friction", [A, B], damping=0.0, torque=0.5)])
+    assert both.value("torque")[0] == 3.5
+
+
 def test_what_is_less() -> None:
     assert is_less(spec("viscous_friction", damping=-1e-9)) and not is_less(spec("viscous_friction", damping=0.0))
     assert is_less(spec("viscous_friction", [A, B], damping=[1.0, -1.0]))

@@ -424,6 +424,38 @@ def test_success_over_samples_is_that_of_a_normal_distribution() -> None:
     assert success_over_poses(target, PANDA_HAND, R, p, doubt, X_WO, 1000, 2)[0] == pytest.approx(0.5, abs=0.2)
 
 
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+def test_turn_and_shift_of_the_object_go_together(yaw: float) -> None:
+    # A box that turns about the grasp's own place stays between the pads; one that turns the other way about leaves.
+    target, p = box_target(0.05, 0.16, 0.08), np.array([[0.0, 0.06, 0.01]])
+    X_WO = np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2), 1.0, 2.0, 3.0])
+    R_WO = rotations.matrix(X_WO[:4])
+    for sign, likely in ((1.0, True), (-1.0, False)):
+        way = np.zeros(6)
+        way[2] = 0.17
+        way[3:] = -sign * np.cross(way[:3], R_WO @ p[0])
+        share = success_over_poses(target, PANDA_HAND, DOWN, p, np.outer(way, way), X_WO, 400, 3)[0]
+        assert share > 0.85 if likely else share < 0.7
+
+
+def test_a_tables_normal_may_have_any_length() -> None:
+    table = np.array([0.0, 0.6, 0.8, -0.05])
+    told = box_target(0.05, 0.05, 0.05, table=4.0 * table)
+    np.testing.assert_allclose(told.table, table)
+    np.testing.assert_allclose(told.up, table[:3])
+
+
+def test_table_and_other_things_stay_where_they_are_when_the_object_lies_a_little_off() -> None:
+    half = 0.018
+    cloud = surface_cloud(box_triangles(0.04, 0.04, 2 * half), 2000, 0)
+    beside = np.array([[0.0, PANDA_HAND.opening_most / 2 + PANDA_HAND.finger_thickness + 0.003, -half]])
+    target = target_of(*cloud, table=np.array([0.0, 0.0, 1.0, -half]), surroundings=beside)
+    p = np.array([[0.0, 0.0, PANDA_HAND.finger_front - half + 0.001]])  # the tips are 1 mm over the table
+    assert judge(target, PANDA_HAND, DOWN, p).code[0] == 0
+    doubt, one = np.diag([0.01, 0.01, 0.01, 0.003, 0.003, 0.003]) ** 2, np.array([1.0, 0, 0, 0, 0, 0, 0])
+    assert success_over_poses(target, PANDA_HAND, DOWN, p, doubt, one, 200, 1)[0] == 1.0
+
+
 def test_a_cloud_and_the_list_it_gives_agree_in_what_is_left_out() -> None:
     found = propose(*surface_cloud(box_triangles(0.05, 0.08, 0.16), 2000, 0), PANDA_HAND, count=3)
     assert set(found.reasons) <= {*REASONS[1:], "out of reach"}

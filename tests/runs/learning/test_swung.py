@@ -10,14 +10,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
 
+from tests.estimation.weighing.conftest import MODEL, POSTURE
+from twin_diagram import scenario
 from twin_diagram.estimation.weighing import Grip
+from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.logs.measured_log import Log
+from twin_diagram.model import Model
 from twin_diagram.runs.learning.cell import Recording
 from twin_diagram.runs.learning.weighing import (
     Slipping,
     Swung,
+    first_mass,
     grip_on,
     read_swung,
     share_of,
@@ -131,3 +137,23 @@ def test_what_turns_between_the_fingers_is_swung_no_further() -> None:
     bare = Hand(0.5)
     swing(bare, motion, ("a", "b"), "empty", held=False)  # type: ignore[arg-type]
     assert not bare.braked, "in an empty hand nothing turns: fingers that give way by 1 mm end no run"
+
+
+@pytest.mark.parametrize(("mass", "told"), [(0.8, 0.8), (0.02, 0.05), (4.0, 2.5)])
+def test_what_hangs_at_the_tool_is_as_heavy_as_torques_at_rest_say(mass: float, told: float) -> None:
+    model, q, rest = (
+        Model.load(scenario.ArmModel(model=str(MODEL), tool_frame="wsg_tcp")),
+        POSTURE[None],
+        np.zeros((1, 7)),
+    )
+    point = np.array([mass, *[0.0] * 9])
+    held = Held.in_tool(model, RigidTransform())
+    torque = model.inverse_dynamics(q, rest, rest)[0]
+    torque[held.rows] += (held.regressor(model, q, rest, rest) @ point)[0]
+
+    @contextmanager
+    def recording() -> Iterator[Recording]:
+        yield Recording(torque=[torque, torque])
+
+    cell: Any = SimpleNamespace(q=POSTURE, recording=recording, wait=lambda seconds: None)
+    assert first_mass(model, cell) == pytest.approx(told, rel=1e-6)

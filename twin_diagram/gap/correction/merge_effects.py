@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-import numpy as np
-
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.candidates.merging import TUNING as MERGING
 from twin_diagram.gap.candidates.records import record_of
@@ -114,5 +112,6 @@ def is_less(piece: EffectSpec) -> bool:
 
 
 def _something(spec: EffectSpec) -> bool:
-    first = spec.parameters.get("static") or next(iter(spec.parameters.values()))
-    return not record_of(spec.name).positive or bool(np.max(np.abs(first)) > MERGING.nothing)
+    law = record_of(spec.name)
+    sizes = [abs(x) for key in law.leading for x in spec.parameters.get(key, [])]
+    return not law.positive or max(sizes) > MERGING.nothing

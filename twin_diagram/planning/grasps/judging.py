@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -226,7 +226,9 @@ def _held(
 def success_over_poses(
     target: GraspTarget, gripper: Gripper, R: Array, p: Array, covariance: Array, pose: Array, samples: int, seed: int
 ) -> Array:
-    """Return the share (K,) of samples of the object's pose in which grasps that were planned at its mean succeed.
+    """Return the share (K,) of samples of the object's pose in which grasps that hold at its mean succeed.
+
+    Table and other things stay where they are, and so does the hand: what keeps clear of them at the mean always does.
 
     Args:
         target: the object.
@@ -247,5 +249,6 @@ def success_over_poses(
     turn = np.einsum("ij,sjk->sik", R_WO.T, rotations.matrix(rotations.exp(-drawn[:, :3])))
     placed = np.einsum("sij,jl,klm->skim", turn, R_WO, R)
     origins = np.einsum("sij,skj->ski", turn, (p @ R_WO.T)[None] - drawn[:, None, 3:])
-    found = judge(target, gripper, placed.reshape(-1, 3, 3), origins.reshape(-1, 3))
+    alone = replace(target, points=target.points[: target.own], normals=target.normals[: target.own], table=None)
+    found = judge(alone, gripper, placed.reshape(-1, 3, 3), origins.reshape(-1, 3))
     return np.asarray((found.code == 0).reshape(len(drawn), len(R)).mean(axis=0))

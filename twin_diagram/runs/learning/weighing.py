@@ -312,7 +312,7 @@ def log_of(messages: Recording, joints: tuple[str, ...], source: str) -> Log:
 def first_mass(model: Model, cell: Cell) -> float:
     """Return about how heavy what is held is, by the torques of the arm at rest [kg].
 
-    The second joint's torque beyond the arm's own, over the lever at which the tool hangs.
+    All joints' torques beyond the arm's own, over the levers at which the tool hangs: what is held hangs near it.
     """
     q = cell.q
     with cell.recording() as messages:
