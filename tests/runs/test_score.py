@@ -275,6 +275,21 @@ def test_an_arm_of_prismatic_joints_alone_has_no_error_in_radians() -> None:
     json.dumps(result, allow_nan=False)
 
 
+def test_the_table_tells_how_far_off_previews_were() -> None:
+    result = summary(record())
+    assert "preview" not in table(result)
+    watched = {
+        "ahead_s": 1.0,
+        "tool_error_mm": {"median": 36.4, "p95": 301.2},
+        "tool_moved_mm": {"median": 186.0, "p95": 484.1},
+        "inside_95": 0.81,
+    }
+    line = next(line for line in table(result | {"preview": watched}).splitlines() if line.startswith("preview"))
+    assert line.split(maxsplit=1)[1] == (
+        "1 s ahead the tool is off by 36 mm (p95 301) and goes 186 mm (p95 484); 81% within the told 95 %"
+    )
+
+
 @pytest.mark.parametrize(
     ("true", "mass", "weighed"),
     [(1.0, 1.149, True), (1.0, 0.851, True), (1.0, 1.16, False), (1.0, 0.84, False), (None, 0.0, False)],

@@ -52,9 +52,9 @@ def state_of(loop: ClosedLoop, context: Context) -> TaskState:
 
 def tool_of(loop: ClosedLoop, context: Context) -> Array:
     """Where the tool is estimated to be [m]."""
-    arm: Any = loop.twin.runner.GetInputPort("arm_state")
+    runner: Any = loop.twin.runner
     twin = loop.twin.diagram
-    state = arm.Eval(twin.GetSubsystemContext(loop.twin.runner, twin.GetMyContextFromRoot(context)))
+    state = runner.GetInputPort("arm_state").Eval(twin.GetSubsystemContext(runner, twin.GetMyContextFromRoot(context)))
     return np.array(loop.model.tool_pose(state[: len(state) // 2]).translation())
 
 

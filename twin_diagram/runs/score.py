@@ -277,6 +277,8 @@ def table(summary: Mapping[str, Any]) -> str:
         lines.append(
             f"brakes     {stops['count']}, {stops['seconds']:.2f} s in all" + (f" ({causes})" if causes else "")
         )
+    if "preview" in summary:
+        lines.append(_preview_line(summary["preview"]))
     timing = summary["timing"]
     if timing:
         shares = ", ".join(f"{name} {share:.0%}" for name, share in timing["systems"].items())
@@ -288,6 +290,16 @@ def _goal_line(goal: Mapping[str, Any]) -> str:
     """Return whether the goal was reached, and where that is known, why not."""
     why = f": {goal['why']}" if "why" in goal else ""
     return f"goal       {'reached' if goal['reached'] else 'missed'}, {goal['error_mm']:.1f} mm off{why}"
+
+
+def _preview_line(preview: Mapping[str, Any]) -> str:
+    """Return how far off what was foreseen of the tool was, beside how far it went meanwhile."""
+    off, goes = (
+        f"{each['median']:.0f} mm (p95 {each['p95']:.0f})"
+        for each in (preview["tool_error_mm"], preview["tool_moved_mm"])
+    )
+    ahead, inside = f"{preview['ahead_s']:.0f} s ahead", f"{preview['inside_95']:.0%} within the told 95 %"
+    return f"preview    {ahead} the tool is off by {off} and goes {goes}; {inside}"
 
 
 def task_lines(task: Mapping[str, Any]) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from twin_diagram import scenario
@@ -22,6 +24,18 @@ def limits_of(model: Model | None, scene: Scene, velocity_limit: Array, params: 
         velocity_limit: (n,) the joints' [rad/s], may be infinite.
         params: tuning.
     """
+    if model is not None and not np.isfinite(velocity_limit).all():
+        silent = ", ".join(
+            f"{joint} ({'m/s' if joint in model.prismatic else 'rad/s'})"
+            for joint, limit in zip(model.joints, velocity_limit, strict=True)
+            if not np.isfinite(limit)
+        )
+        logging.getLogger("twin_diagram").warning(
+            "no limit of speed in the description: planned at %.2f at most (π times planner.velocity_share); "
+            "give these joints a velocity limit: %s",
+            np.pi * params.velocity_share,
+            silent,
+        )
     velocity = params.velocity_share * np.where(np.isfinite(velocity_limit), velocity_limit, np.pi)
     most = np.inf if params.acceleration is None else params.acceleration
     if model is None:

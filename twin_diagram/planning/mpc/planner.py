@@ -62,7 +62,7 @@ class Tuning:
     going: float = 0.1
     """… where the way leads on by more than this [rad]; then it may come as near to what rests as the way does."""
 
-    travel: float = 0.9
+    travel: float = 0.95
     """Routes are travelled at this share of the limits of speed and acceleration, so that the motion can catch up."""
 
     reanchor: float = 0.25

@@ -149,11 +149,14 @@ class Router:
     def travel(self, q: Array, route: Route, v: Array | None = None) -> SpeedProfile:
         """Return the quickest way along a route from where the arm is, (n,), at velocity v; None: at rest.
 
-        All end gently, straight lines in space the most.
+        All end gently, straight lines down the most: up there is nothing to run into.
         """
-        line = route.aim is Aim.LINE
         tuning = self.tuning
-        share, gentle = (tuning.line_acceleration, tuning.line_braking) if line else (1.0, tuning.braking)
+        share, gentle = 1.0, tuning.braking
+        if route.aim is Aim.LINE:
+            share = tuning.line_acceleration
+            if lifting.higher(self.scene.chain, q, route.points[-1]) <= 0.0:
+                gentle = tuning.line_braking
         return profile(np.vstack([q, self._ahead(q, route)]), self.speed, share * self.acceleration, v, gentle)
 
     def _ahead(self, q: Array, route: Route) -> Array:

@@ -63,7 +63,7 @@ def carry(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
 def lower(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Go down to the place, and let go there."""
     state = _as_it_lies(state, step, library, np.zeros(3))
-    state, there = arrived(state, seen, step)
+    state, there = arrived(state, seen, step, TUNING.slow)
     if not there:
         return state
     state = replace(state, hand=Hand(touched=step.target, around=True), opened=1.0, image=seen.now, elsewhere=0)
