@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from twin_diagram.runtime.stages import Stages, spoken
+from twin_diagram.runtime.stages import Pace, Stages, spoken
 
 
 def told(times: dict[str, float], done: dict[str, float]) -> list[str]:
@@ -42,3 +42,14 @@ def test_a_stage_that_comes_again_takes_nothing_back() -> None:
 @pytest.mark.parametrize(("seconds", "words"), [(3.4, "3 s"), (89.0, "89 s"), (90.1, "2 min"), (600.0, "10 min")])
 def test_times_as_people_say_them(seconds: float, words: str) -> None:
     assert spoken(seconds) == words
+
+
+def test_frames_are_told_now_and_then_and_the_slow_first_one_counts_for_nothing() -> None:
+    now, lines = [0.0], list[str]()
+    pace = Pace(40, lines.append, lambda: now[0])
+    for frame in range(1, 41):
+        now[0] += 30.0 if frame == 1 else 1.0
+        pace(frame)
+    assert lines == ["1 of 40 frames", "11 of 40 frames, about 29 s left", "21 of 40 frames, about 19 s left"] + [
+        "31 of 40 frames, about 9 s left"
+    ]

@@ -1,4 +1,4 @@
-"""How far a piece of work is that goes through known stages, and how much time is left."""
+"""How far a piece of work is that goes through known stages or many frames, and how much time is left."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ class Tuning:
 
     least_time: float = 2.0
     """Nor is anything said before this [s], or where less is left."""
+
+    period: float = 10.0
+    """Of many frames something is said this often [s]."""
 
 
 TUNING = Tuning()
@@ -46,6 +49,33 @@ class Stages:
             self._say(stage)
         else:
             self._say(f"{stage} ({spoken(elapsed)} so far, about {spoken(left)} left)")
+
+
+class Pace:
+    """Tells now and then how many frames are done, with the time left; the first one may be a slow one."""
+
+    def __init__(self, frames: int, say: Callable[[str], None], clock: Callable[[], float] = time.perf_counter) -> None:
+        """Start the clock.
+
+        Args:
+            frames: how many there are.
+            say: is told.
+            clock: [s]
+        """
+        self._frames, self._say, self._clock = frames, say, clock
+        self._told, self._second = clock(), 0.0
+
+    def __call__(self, done: int) -> None:
+        """Tell that so many frames are done, from 1 on, once the last word is a while ago."""
+        now = self._clock()
+        if done == 1:
+            self._second = now
+        if now - self._told < TUNING.period or done == self._frames:
+            return
+        self._told = now
+        left = (now - self._second) / (done - 1) * (self._frames - done) if done > 1 else 0.0
+        more = f", about {spoken(left)} left" if left >= TUNING.least_time else ""
+        self._say(f"{done} of {self._frames} frames{more}")
 
 
 def spoken(seconds: float) -> str:

@@ -75,6 +75,25 @@ def test_a_bad_or_hanging_robot_costs_its_own_line(three: Path, stood_in: list[s
     assert "payload" in (tmp_path / "out" / "fleet.html").read_text()
 
 
+def test_a_second_call_in_one_folder_waits_for_the_first(
+    three: Path,
+    stood_in: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Both would run all robots, and write into one another's folders."""
+    second: list[tuple[int, str]] = []
+
+    def say(text: str) -> None:
+        second.append((main(["gap", "--fleet", str(three), "--out", str(tmp_path / "out")]), capsys.readouterr().err))
+
+    fleet.run_fleet(three, tmp_path / "out", say=say)
+    assert len(stood_in) == len(second) == 3
+    assert all(status == 2 and err.count("\n") == 1 and "another fleet is at work" in err for status, err in second)
+    assert main(["gap", "--fleet", str(three), "--out", str(tmp_path / "out")]) == 0
+
+
 def test_it_goes_on_where_it_stopped(three: Path, stood_in: list[str], tmp_path: Path) -> None:
     for _ in range(2):
         fleet.run_fleet(three, tmp_path / "out")

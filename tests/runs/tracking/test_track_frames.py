@@ -21,7 +21,7 @@ from twin_diagram.assets import shapes
 from twin_diagram.assets.building.from_mesh import build_from_mesh
 from twin_diagram.assets.mesh import write_obj
 from twin_diagram.cli import main
-from twin_diagram.logs.frames import FrameFolder, ViewCamera
+from twin_diagram.logs.frames import FrameFolder, RgbdFrame, ViewCamera
 from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.runs.tracking import track_frames
 from twin_diagram.signals import rotations
@@ -238,6 +238,42 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(
         error = capsys.readouterr().err.strip().splitlines()
         assert len(error) == 1 and said in error[0], error
         assert not out.exists()
+
+
+def test_what_was_tracked_before_a_stop_is_kept_whole(
+    library: Path,
+    scene: Path,
+    tracked: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Ctrl-C in the fourth frame: half an hour of frames was lost."""
+    read = FrameFolder.read
+
+    def stopped(folder: FrameFolder, index: int) -> RgbdFrame:
+        if index == 3:
+            raise KeyboardInterrupt
+        return read(folder, index)
+
+    monkeypatch.setattr(FrameFolder, "read", stopped)
+    assert track(library, scene, tmp_path / "out") == 130
+    assert "the first 3 of 6 frames" in capsys.readouterr().err
+    for name in ("poses.csv", "objects.jsonl"):
+        some, every = ((folder / name).read_text() for folder in (tmp_path / "out", tracked))
+        assert every.startswith(some) and 0 < len(some.splitlines()) < len(every.splitlines())
+    monkeypatch.setattr(FrameFolder, "read", lambda *_: stopped(*_[:1], 3))
+    assert track(library, scene, tmp_path / "none") == 130 and not (tmp_path / "none").exists()
+
+
+def test_frames_without_times_are_told_to_be_a_second_apart(
+    library: Path, taken: Shots, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = folder_of(Shots(taken.frames[:2]), tmp_path / "frames")
+    for times in (True, False):
+        assert track(library, frames, tmp_path / "out") == 0
+        assert ("1 s apart" in capsys.readouterr().err) == (not times)
+        (frames / "times.json").unlink(missing_ok=True)
 
 
 def test_without_a_table_all_that_is_seen_stands(library: Path, taken: Shots, tmp_path: Path) -> None:

@@ -74,6 +74,7 @@ class FrameFolder:
     Attributes:
         numbers: of the frames, ascending.
         times: of the frames, rising [s].
+        timed: whether times are told.
         posed: whether the frames say where their cameras were; else W is the first camera's frame, and the camera
             stands.
         calibration: RMS errors of what is told of the cameras; None where that is not told.
@@ -207,7 +208,8 @@ class FrameFolder:
         return R.T, -R.T @ (self._numbers(number, "cam_t_w2c", 3) / 1000.0)
 
     def _read_times(self) -> list[float]:
-        if not (self.folder / "times.json").exists():
+        self.timed = (self.folder / "times.json").exists()
+        if not self.timed:
             return [float(k) for k in range(len(self.numbers))]
         path = in_folder(self.folder, "times.json")
         raw: Any = read_json(path)
@@ -217,8 +219,12 @@ class FrameFolder:
             times = [float(raw[str(number)]) for number in self.numbers]
         except (KeyError, TypeError, ValueError):
             raise FramesError(f"{path}: must hold a time [s] for each of the {len(self.numbers)} frames") from None
-        if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-            raise FramesError(f"{path}: times must be finite and rise from frame to frame [s]")
+        for number, before, time in zip(self.numbers, [-np.inf, *times], times, strict=False):
+            if not before < time < np.inf:
+                last = "" if before == -np.inf else f", the one before it at {before:g} s"
+                raise FramesError(
+                    f"{path}: frame {number} is at {time:g} s{last}: times must be finite and rise from frame to frame"
+                )
         return times
 
     def _depth_map(self, number: int) -> DepthMap:

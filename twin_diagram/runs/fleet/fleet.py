@@ -13,10 +13,14 @@ from twin_diagram.runs.fleet.page import page, table
 from twin_diagram.runs.fleet.robots import Visit, read_fleet
 from twin_diagram.runs.fleet.work import VisitResult, end_running, known, work
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.one_at_work import one_at_work
 from twin_diagram.runtime.output_place import why_not
 
 ROBOTS = "robots"
 """Folder of the visits' folders."""
+
+LOCK = ".fleet_at_work"
+"""File that keeps a second call out."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,7 @@ def run_fleet(
         One line per visit, in the table's order.
 
     Raises:
-        TwinError: table or folder cannot be used.
+        TwinError: table or folder cannot be used, or another call is at work in the folder.
     """
     visits = read_fleet(path.resolve())
     if why := why_not(out, folder=True):
@@ -67,20 +71,23 @@ def run_fleet(
     if not timeout > 0.0:
         raise TwinError(f"--timeout {timeout:g}: it is positive [s]")
     timeout, robots = min(timeout, TUNING.longest), out.resolve() / ROBOTS
-    lines = {visit: line for visit in visits if (line := known(visit, robots, options))}
-    asked = [visit for visit in visits if visit not in lines]
     out.mkdir(parents=True, exist_ok=True)
-    _write(out, visits, lines)
-    with _executor(jobs, dask) as executor:
-        futures = {executor.submit(work, visit, robots, options, timeout): visit for visit in asked}
-        try:
-            for count, future in enumerate(as_completed(futures), 1):
-                visit = futures[future]
-                lines[visit] = _line(visit, future)
-                _write(out, visits, lines)
-                say(f"{count}/{len(asked)} {visit.robot} {visit.date}: {lines[visit].verdict}")
-        finally:
-            _end_all(futures)
+    with one_at_work(out / LOCK) as alone:
+        if not alone:
+            raise TwinError(f"--out {out}: another fleet is at work in it; wait for its end, or give another --out")
+        lines = {visit: line for visit in visits if (line := known(visit, robots, options))}
+        _write(out, visits, lines)
+        asked = [visit for visit in visits if visit not in lines]
+        with _executor(jobs, dask) as executor:
+            futures = {executor.submit(work, visit, robots, options, timeout): visit for visit in asked}
+            try:
+                for count, future in enumerate(as_completed(futures), 1):
+                    visit = futures[future]
+                    lines[visit] = _line(visit, future)
+                    _write(out, visits, lines)
+                    say(f"{count}/{len(asked)} {visit.robot} {visit.date}: {lines[visit].verdict}")
+            finally:
+                _end_all(futures)
     return [lines[visit] for visit in visits]
 
 

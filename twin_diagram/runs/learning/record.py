@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import io
 import json
 import re
@@ -20,6 +19,7 @@ import numpy as np
 
 from twin_diagram.errors import TwinError
 from twin_diagram.runtime import atomic_file
+from twin_diagram.runtime.one_at_work import one_at_work
 from twin_diagram.runtime.output_place import why_not
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import dump_scenario
@@ -150,13 +150,11 @@ class LearningRecord:
             self.folder.mkdir(parents=True, exist_ok=True)
         else:
             self.check_kept()
-        with (self.folder / LOCK).open("a") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+        with one_at_work(self.folder / LOCK) as alone:
+            if not alone:
                 raise LearningError(
                     f"--out {self.folder}: another process is at work in it; wait for its end, or give another --out"
-                ) from None
+                )
             yield
 
     def begin(self) -> RunState:

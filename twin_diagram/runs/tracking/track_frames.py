@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from twin_diagram.runs.tracking.object_tracker import ObjectTracker, TrackedObje
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.output_place import why_not
+from twin_diagram.runtime.stages import Pace
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import CalibrationError, shared_covariances
 from twin_diagram.signals.lens import Lens
@@ -75,6 +76,7 @@ def track_frames(
 
     Raises:
         AssetError, FramesError: names file and value; nothing is written.
+        KeyboardInterrupt: it was stopped; what the frames before told is written.
     """
     _check_told(out, grow, seed)
     folder = FrameFolder(frames, masked=False)
@@ -82,42 +84,65 @@ def track_frames(
     told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
     tracker = ObjectTracker(assets, PERCEPTION, grows=grow is not None)
     grown = None if grow is None else GrownAssets(grow, tracker, assets, numbers, say)
-    rows, lines, seen_by = list[list[str]](), list[str](), dict[int, ViewCamera]()
+    done: list[tuple[list[list[str]], str]] = []
+    pace = Pace(len(folder), say)
+    try:
+        for one in _tracked(folder, tracker, told, numbers, say):
+            done.append(one)
+            if grown is not None:
+                grown.poll(folder.numbers[len(done) - 1])
+            pace(len(done))
+        if grown is not None:
+            grown.close()
+    except KeyboardInterrupt:
+        if done:
+            _write(out, done)
+            say(f"{out}: the first {len(done)} of {len(folder)} frames")
+        raise
+    _write(out, done)
+    say(f"{out}: {sum(len(rows) for rows, _ in done)} poses in {len(done)} frames")
+
+
+def _tracked(
+    folder: FrameFolder,
+    tracker: ObjectTracker,
+    told: list[tuple[str, Array, Array]],
+    numbers: Mapping[str, int],
+    say: Callable[[str], None],
+) -> Iterator[tuple[list[list[str]], str]]:
+    """Yield of each frame its rows of `poses.csv` and its line of `objects.jsonl`."""
+    seen_by: dict[int, ViewCamera] = {}
     zero = min(0.0, folder.times[0])  # to the tracker, what was before 0 was never
     base: TableFrame | None = None
     first: Pinhole | None = None
     noise, doubt = DepthSigma(), CalibrationError()
     for index in range(len(folder)):
         frame = folder.read(index)
-        _check(frame, frames)
+        _check(frame, folder.folder)
         depth = _on_colours_grid(frame)
         camera = _pinhole(frame.colour, frame.colour.R_WC, frame.colour.p_WC, noise)
         if base is None:
             first = first or camera
             if np.count_nonzero(frame.depth) < LEAST_SHOWN * frame.depth.size:
-                lines.append(json.dumps({"frame": frame.number, "time": frame.time, "objects": []}))
+                yield [], json.dumps({"frame": frame.number, "time": frame.time, "objects": []})
                 continue
             base, noise, doubt = _begun(folder, frame, depth, camera, say)
             _start(tracker, told, base.camera(first), frame.time - zero - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
         found = tracker.observe(segment(_rgb_of(frame), depth, frame.time - zero, grid, PERCEPTION, in_a_room=True))
-        rows += [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         seen_by |= {one.track: frame.colour for one in found if one.found}
-        lines.append(json.dumps(_line(frame, found, base, doubt, seen_by)))
-        if grown is not None:
-            grown.poll(frame.number)
-        if (index + 1) % 50 == 0:
-            say(f"{index + 1} of {len(folder)} frames")
-    if grown is not None:
-        grown.close()
-    _write(out, rows, lines)
-    say(f"{out}: {len(rows)} poses in {len(lines)} frames" + ("; none has depth" if base is None else ""))
+        rows = [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
+        yield rows, json.dumps(_line(frame, found, base, doubt, seen_by))
+    if base is None:
+        say("note: no frame has depth")
 
 
 def _begun(
     folder: FrameFolder, frame: RgbdFrame, depth: Any, camera: Pinhole, say: Callable[[str], None]
 ) -> tuple[TableFrame, DepthSigma, CalibrationError]:
     """Return what the first frame that has depth tells: the table, depth's noise, and how far off the camera may be."""
+    if not folder.timed and len(folder) > 1:
+        say("note: no times.json: frames count as 1 s apart; its times [s] tell how fast things move")
     if frame.number != folder.numbers[0]:
         say(f"note: tracking begins at frame {frame.number}: there is no depth before it")
     noise, base = measured(frame.depth), table_frame(depth, camera)
@@ -151,10 +176,10 @@ def _start(
         tracker.start(name, R_TC @ R_CO, R_TC @ p_CO + p_TC, time)
 
 
-def _write(out: Path, rows: list[list[str]], lines: list[str]) -> None:
-    table = ["scene_id,im_id,obj_id,score,R,t,time", *(",".join(row) for row in rows)]
+def _write(out: Path, done: list[tuple[list[list[str]], str]]) -> None:
+    table = ["scene_id,im_id,obj_id,score,R,t,time", *(",".join(row) for rows, _ in done for row in rows)]
     atomic_file.write(out / "poses.csv", "".join(line + "\n" for line in table))
-    atomic_file.write(out / "objects.jsonl", "".join(line + "\n" for line in lines))
+    atomic_file.write(out / "objects.jsonl", "".join(line + "\n" for _, line in done))
 
 
 def _library(library: Path, say: Callable[[str], None], grow: Path | None) -> tuple[dict[str, Asset], dict[str, int]]:
