@@ -1,15 +1,13 @@
 """Keeps the twin's SceneGraph in step with what holds its slots, between two steps of a simulator.
 
 A leaf's event cannot reach another system's Context. Whoever steps a Simulator calls `TwinDiagram.keep_scene` between
-steps, as `run_scenario` does, or hands `scene_monitor` to it. The planner does not need this: its ports tell it.
+steps, as `run_scenario` does. The planner does not need this: its ports tell it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, EventStatus
+from pydrake.systems.framework import Context, Diagram
 
 from twin_diagram.scene.slot_geometry import follow
 from twin_diagram.scene.twin_scene import TwinScene
@@ -33,13 +31,3 @@ def keep_scene(twin: Diagram, scene: TwinScene, context: Context) -> bool:
         rows = np.asarray(twin.GetOutputPort("things").Eval(context))
     own = twin.GetMutableSubsystemContext(scene.scene_graph, context)
     return follow(scene.scene_graph, own, scene.slots, further, things_of(rows), scene.shapes_of)
-
-
-def scene_monitor(twin: Diagram, scene: TwinScene) -> Callable[[Context], EventStatus]:
-    """Return what keeps the scene after each step, for `Simulator.set_monitor` of any Diagram around the twin."""
-
-    def monitor(context: Context) -> EventStatus:
-        keep_scene(twin, scene, twin.GetMyMutableContextFromRoot(context))
-        return EventStatus.DidNothing()
-
-    return monitor

@@ -36,6 +36,13 @@ def test_a_load_of_some_size_adds_its_own_moments(box: Shape) -> None:
     )
 
 
+def test_small_parts_of_a_load_are_as_likely_anywhere(box: Shape) -> None:
+    """Its middle and its own size together have the moments of the object."""
+    prior = only(box, 0.5, size=0.6)
+    loose = 0.25 * 0.64 * box.second + prior.centre_spread**2 * np.eye(3)
+    np.testing.assert_allclose(prior.hypotheses.offset[0], loose, rtol=1e-12)
+
+
 def test_any_coordinates_are_a_body(box: Shape) -> None:
     hypotheses = ShapePrior(box).hypotheses
     u = 3.0 * np.random.default_rng(0).normal(size=(20, len(hypotheses), 10))

@@ -14,7 +14,7 @@ from tests.gap.made import ARM, ELBOW, LIFT, PAN, record, swing, terms_of
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.residuals.whitening import Whitener
-from twin_diagram.gap.verdict.locating import CONDITIONS, locate, maps, said
+from twin_diagram.gap.verdict.locating import CONDITIONS, locate, said
 
 Array = npt.NDArray[np.float64]
 
@@ -115,26 +115,3 @@ def test_times_hold_nearly_all_of_the_energy_in_the_log_that_has_most() -> None:
 def test_words_of_a_condition_on_a_slide() -> None:
     assert said("angle", True) == "with position" and said("angle", False) == "with angle"
     assert said("speed", True) == CONDITIONS["speed"]
-
-
-def test_maps_hold_means_per_cell() -> None:
-    terms, _ = made(on(ELBOW, lambda r: 2.0 * r.v[:, ELBOW]))
-    residual = terms.records.residual
-    found = {(m.joint, m.axes[0]): m for m in maps(terms.records, terms, residual)}
-    assert len(found) == 12
-    q, v, _ = terms.records.motion
-    load = terms.reduce(terms.load)
-    for name, x in (("angle", q), ("torque", load)):
-        one = found[ARM.joints[ELBOW], name]
-        assert one.axes == (name, "speed") and one.mean.shape == (12, 12)
-        cells = [np.clip(np.digitize(s[:, ELBOW], e) - 1, 0, 11) for s, e in zip((x, v), one.edges, strict=True)]
-        for a in range(12):
-            for b in range(12):
-                inside = (cells[0] == a) & (cells[1] == b)
-                if np.any(inside):
-                    assert one.mean[a, b] == pytest.approx(np.mean(residual[inside, ELBOW]))
-                else:
-                    assert np.isnan(one.mean[a, b])
-    still = replace(terms.records.records[0], v=np.zeros_like(v[:1]) + 0.0 * terms.records.records[0].v)
-    quiet = terms_of(Records(ARM, (still,)))
-    assert maps(quiet.records, quiet, residual) == ()

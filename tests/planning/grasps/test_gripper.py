@@ -126,6 +126,14 @@ def test_one_s_own_from_yaml(tmp_path: Path) -> None:
         ({"palm_size": 3}, "palm_size must be three"),
         ({"fingers": 3}, "no field 'fingers'"),
         ({"pad_width": None}, "pad_width must be a finite number"),
+        ({"pad_width": 0.21}, "0.21 wide, reach beyond the fingers"),
+        ({"pad_front": 0.05}, "from 0.029 to 0.05 m"),
+        ({"pad_length": 0.05}, "from -0.041 to 0.009 m"),
+        ({"root_front": 0.02}, "roots that end at 0.02 m"),
+        ({"root_front": -0.04}, "roots that end at -0.04 m"),
+        ({"root_width": 0.0}, "are 0 wide are not on the fingers"),
+        ({"name": 5}, "name must be text, not 5"),
+        ({"frame": 5}, "frame must be text, not 5"),
     ],
 )
 def test_figures_of_no_gripper_are_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:

@@ -79,6 +79,12 @@ def test_a_patch_shows_in_the_pictures_in_which_nothing_of_the_hand_is_before_it
     # Elsewhere in the hand the finger covers nothing; the camera goes about the hand.
     beside = Boxes(pose(np.eye(3), np.array([0.0, 0.0, 0.05])), hand.low, hand.high)
     assert pictures_of(points, normals, open_, beside, around).tolist() == [5, 5]
+    # Turned and moved with the object, hand and cameras see the same of it.
+    quarter = Rotation.from_euler("xz", [90, 40], degrees=True).as_matrix()
+    some = pictures_of(points, normals, open_, hand, around[:5])
+    elsewhere = Boxes(pose(quarter, np.array([0.3, -0.1, 0.2])), hand.low, hand.high)
+    moved = points @ quarter.T + elsewhere.X_ST[:3, 3]
+    assert pictures_of(moved, normals @ quarter.T, open_, elsewhere, around[:5]).tolist() == some.tolist() == [0, 3]
 
 
 def test_the_pair_shows_what_the_first_grasp_hid() -> None:

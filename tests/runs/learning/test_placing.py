@@ -65,6 +65,17 @@ def test_places_are_beside_what_stands_there_before_they_are_upon_it() -> None:
     assert full[0][2] == 0.11
 
 
+def test_what_goes_upon_others_stands_even() -> None:
+    """On a shelf, not over the gaps between posts as high, though these are farther from the middle."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.3, 0.601, 0.01), np.arange(0.35, 0.451, 0.01)))
+    shelf = PutDown((0.45, 0.4), 0.2, 0.06, tuple(zip(x.tolist(), y.tolist(), strict=True)))
+    posts = [
+        PutDown((x, y), 0.001, 0.06, ((x, y),)) for x in np.arange(0.32, 0.6, 0.05) for y in (0.22, 0.27, 0.53, 0.58)
+    ]
+    for place in places_in(LOW, HIGH, [shelf, *posts], BOX_T, DOWN)[:5]:
+        assert place[2] == 0.06 and (np.abs(below(place)[:, 1] - 0.4) < 0.065).all()
+
+
 def test_four_large_things_find_room_on_a_bins_floor() -> None:
     """Their circles would not: 24 x 7 cm each, in a bin of 30 by 40 cm."""
     large = RNG.uniform([-0.12, -0.035, 0.0], [0.12, 0.035, 0.2], (4000, 3))

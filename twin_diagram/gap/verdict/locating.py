@@ -47,28 +47,8 @@ class Tuning:
     shares: tuple[float, ...] = (0.02, 0.98)
     """Quantiles of the residual's energy between which it is said to be in time."""
 
-    map_cells: int = 12
-    """Along each side of a picture's map: fine enough to see a shape, coarse enough to be visited."""
-
 
 TUNING = Tuning()
-
-
-@dataclass(frozen=True)
-class Map:
-    """Mean residual of one joint over two of its signals, for pictures.
-
-    Attributes:
-        joint: name.
-        axes: names of the two signals.
-        edges: of the cells along each.
-        mean: (C, C) [N·m, or N where the joint is prismatic], NaN where the logs have not been.
-    """
-
-    joint: str
-    axes: tuple[str, str]
-    edges: tuple[Array, Array]
-    mean: Array
 
 
 def locate(records: Records, terms: Terms, whitener: Whitener) -> tuple[Place, ...]:
@@ -152,27 +132,3 @@ def _when(records: Records, whitener: Whitener, y: Array) -> tuple[int, float, f
     first, last = (int(np.searchsorted(share, level)) for level in TUNING.shares)
     own = times[mine]
     return log, float(own[first]), float(own[min(last, len(own) - 1)])
-
-
-def maps(records: Records, terms: Terms, residual: Array) -> tuple[Map, ...]:
-    """Return the mean residual per joint over (angle, speed) and (torque, speed).
-
-    Args:
-        records: of the fit.
-        terms: of them.
-        residual: (ΣD, n) reduced [N·m]: the given model's, or what a fit leaves.
-    """
-    q, v, _ = records.motion
-    load = terms.reduce(terms.load)
-    result = []
-    for j, joint in enumerate(records.model.joints):
-        prismatic = joint in records.model.prismatic
-        for name, x in (("position" if prismatic else "angle", q), ("force" if prismatic else "torque", load)):
-            edges = tuple(np.linspace(s[:, j].min(), s[:, j].max(), TUNING.map_cells + 1) for s in (x, v))
-            if any(e[-1] <= e[0] for e in edges):
-                continue
-            total, _, _ = np.histogram2d(x[:, j], v[:, j], bins=list(edges), weights=residual[:, j])
-            count, _, _ = np.histogram2d(x[:, j], v[:, j], bins=list(edges))
-            mean = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
-            result.append(Map(joint, (name, "speed"), (edges[0], edges[1]), mean))
-    return tuple(result)

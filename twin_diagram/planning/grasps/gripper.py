@@ -15,6 +15,9 @@ import numpy as np
 from twin_diagram.errors import TwinError
 from twin_diagram.signals.arrays import Array
 
+ROUNDED: Final = 1e-6
+"""By which lengths may miss one another: they come from files with few digits [m]."""
+
 
 class GripperError(TwinError):
     """A gripper that is not known, or whose figures cannot be."""
@@ -68,6 +71,9 @@ class Gripper:
 
     def __post_init__(self) -> None:
         """Refuse figures of no gripper."""
+        for name in ("name", "frame"):
+            if not isinstance(getattr(self, name), str):
+                raise GripperError(f"gripper: {name} must be text, not {getattr(self, name)!r}; put it in quotes")
         numbers = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("name", "frame", "palm_size")}
         for name, value in numbers.items():
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
@@ -96,6 +102,24 @@ class Gripper:
         if self.opening_most > 1.0:
             raise GripperError(
                 f"gripper {self.name}: opening_most {self.opening_most:g} m is over a metre; lengths are in m"
+            )
+        self._check_places()
+
+    def _check_places(self) -> None:
+        """Refuse pads and roots that are not on the fingers: what lies beside a finger would count as held."""
+        back, front = self.palm_front - ROUNDED, self.finger_front + ROUNDED
+        fingers = (
+            f"the fingers, from {self.palm_front:g} to {self.finger_front:g} m along z and {self.finger_width:g} wide"
+        )
+        if self.pad_back < back or self.pad_front > front or self.pad_width > self.finger_width + ROUNDED:
+            raise GripperError(
+                f"gripper {self.name}: pad_front, pad_length, pad_width: the pads, from {self.pad_back:g} to "
+                f"{self.pad_front:g} m and {self.pad_width:g} wide, reach beyond {fingers}"
+            )
+        if self.root_thickness > 0.0 and not (back <= self.root_front <= front and self.root_width > 0.0):
+            raise GripperError(
+                f"gripper {self.name}: root_front, root_width: roots that end at {self.root_front:g} m along z and are "
+                f"{self.root_width:g} wide are not on {fingers}"
             )
 
     @property
