@@ -16,6 +16,7 @@ from tests.small_loop import BLIND, small_scenario
 from twin_diagram.errors import TwinError
 from twin_diagram.runs import replay_log, run_scenario
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, TRACK_SIZE, ObjectStatus, PoseMeasurement, Track
+from twin_diagram.signals.things import Thing
 from twin_diagram.twin import make_closed_loop, make_twin
 
 N = 7
@@ -154,6 +155,32 @@ def test_poses_from_elsewhere_need_no_camera() -> None:
     track = Track.unpack(np.array(twin.GetOutputPort("tracks").Eval(context))[:TRACK_SIZE])
     assert track.status in (ObjectStatus.TRACKED, ObjectStatus.MOVING) and loop.twin.lacking(context) == []
     np.testing.assert_allclose(track.pose[4:], [0.6, 0.1, 0.05], atol=3e-3)
+
+
+class Seer(Markers):
+    """Tells of an unknown cube, besides."""
+
+    def __init__(self, objects: int, unknown: int) -> None:
+        super().__init__(objects)
+        corners = np.array([[x, y, z] for x in (0.4, 0.5) for y in (-0.4, -0.3) for z in (0.0, 0.1)])
+        cube = Thing(1, ObjectStatus.TRACKED, 0.0, 0.0, corners.mean(axis=0), (corners,)).pack()
+        rows = np.concatenate([cube, np.zeros((unknown - 1) * len(cube))])
+        self.DeclareVectorOutputPort("things", len(rows), lambda context, output: output.SetFromVector(rows))
+
+
+def test_whoever_steps_a_simulator_has_unknown_things_in_the_scene_by_a_monitor() -> None:
+    scenario = small_scenario(*BLIND)
+    loop = make_closed_loop(scenario, perception=Seer(len(scenario.twin.library), scenario.twin.slots.unknown))
+    scene, query = loop.twin.scene.scene_graph, loop.twin.diagram.GetOutputPort("query_object")
+    hanging = []
+    for monitored in (False, True):
+        simulator = Simulator(loop.diagram)
+        if monitored:
+            simulator.set_monitor(loop.twin.scene_monitor())
+        simulator.AdvanceTo(0.2)
+        inspector = query.Eval(loop.twin.diagram.GetMyContextFromRoot(simulator.get_context())).inspector()
+        hanging.append(inspector.num_geometries() - scene.model_inspector().num_geometries())
+    assert hanging[0] == 0 < hanging[1]  # and each Context has its own
 
 
 def test_poses_without_images_tell_when_they_were_measured() -> None:

@@ -1,7 +1,8 @@
 """Keeps the twin's SceneGraph in step with what holds its slots, between two steps of a simulator.
 
 A leaf's event cannot reach another system's Context. Whoever steps a Simulator calls `TwinDiagram.keep_scene` between
-steps, as `run_scenario` does. The planner does not need this: its ports tell it.
+steps, as `run_scenario` does, or has the Simulator call
+`TwinDiagram.scene_monitor`. The planner does not need this: its ports tell it.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort, System
 
 from twin_diagram import scenario
 from twin_diagram.assets.asset import Asset
@@ -188,6 +188,15 @@ class TwinDiagram:
             context: of `diagram`, between two steps of a simulator; other Contexts stay as they are.
         """
         return keep_scene(self.diagram, self.scene, context)
+
+    def scene_monitor(self) -> Callable[[Context], EventStatus]:
+        """Return what calls `keep_scene` after each step: `simulator.set_monitor(twin.scene_monitor())`."""
+
+        def keep(root: Context) -> EventStatus:
+            self.keep_scene(self.diagram.GetMyMutableContextFromRoot(root))
+            return EventStatus.DidNothing()
+
+        return keep
 
     def events(self, context: Context) -> list[dict[str, Any]]:
         """Return what happened to objects and things, oldest first: time [s], event, object."""
