@@ -1,4 +1,4 @@
-"""Damping beside dry friction: said where it is known to a half, and not where there is none."""
+"""Damping beside dry friction: said where it is known well enough, and not where there is none."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Damping beside dry friction: said where it is known to a half, though left-out motion hardly misses it.
+"""Damping beside dry friction: said where that bends friction's curve less, though left-out motion hardly misses it.
 
 A drive that has dry friction has grease, too. Which of both is how much is told less well than their sum: to say that
-there is no damping where it is known to ± 40 % would bend friction's curve by more than that.
+there is no damping where it is known to ± 60 % would bend friction's curve by more than that.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, chosen by hand; `sims/benchmarks/gap_whole_robots.py` shows what they do."""
 
-    half: float = 0.45
-    """Share of damping up to which its standard error may be beside dry friction. On 90 arms of training (seeds 60150
-    to 60188, 60240 to 60288, 300100 to 300138) damping known to a half was left out on 23 joints. Dry friction alone
-    was within 10 % at all speeds on 7 of them; with damping it is on 18."""
+    most: float = 1.0 / np.sqrt(2.0)
+    """Share of damping up to which its standard error may be beside dry friction (Akaike 1974): where every drive has
+    some, its true square is what is found less the error's, and that is more than the error's own up to there. Leaving
+    it out would bend friction's curve by more."""
 
     worse: float = 1.0
     """Fall of the joint's left-out log likelihood that is no reason against damping [nats]."""
@@ -62,7 +62,7 @@ def damped(problem: RobotProblem, z: Array) -> RobotProblem:
         more = replace(problem, own_free=own)
         fit = solve(more, None, z)
         error = np.sqrt(own_part(more, np.diag(estimates.covariance(more, fit)))[:, DAMPING])
-        over = np.where(left, error / np.maximum(own_part(more, fit)[:, DAMPING], 1e-12) - TUNING.half, -np.inf)
+        over = np.where(left, error / np.maximum(own_part(more, fit)[:, DAMPING], 1e-12) - TUNING.most, -np.inf)
         if np.max(over) <= 0.0:
             over = np.where(left, before - LeftOut.of(more, fit).likelihood() - TUNING.worse, -np.inf)
             if np.max(over) <= 0.0:
@@ -80,20 +80,20 @@ def largest_share(problem: RobotProblem, third: float) -> Array:
     """
     result = np.full((problem.n, len(OWN)), third)
     if not problem.sums.records.model.arm.link_side:
-        result[problem.own_free[:, DRY] & ~problem.stated[:, DAMPING], DAMPING] = TUNING.half
+        result[problem.own_free[:, DRY] & ~problem.stated[:, DAMPING], DAMPING] = TUNING.most
     return result
 
 
 def told_beside_dry(findings: Sequence[Finding], rough: float) -> set[tuple[str, str]]:
-    """Return name and joint of damping that is known to about a half, on joints whose dry friction is known to a third.
+    """Return name and joint of damping that is known well enough, on joints whose dry friction is known to a third.
 
     Args:
         findings: any.
-        rough: times a half, and times a third, that count as one.
+        rough: times the most, and times a third, that count as one.
     """
     dry = {j for one in well_told(findings, rough) if one.name in DRY_NAMES for j in one.joints}
     damping = [one for one in findings if one.name == ViscousFriction.name]
-    known = well_told(damping, rough * TUNING.half / WELL_TOLD.third)
+    known = well_told(damping, rough * TUNING.most / WELL_TOLD.third)
     return {(one.name, joint) for one in known for joint in one.joints if joint in dry}
 
 

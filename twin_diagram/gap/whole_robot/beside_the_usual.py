@@ -14,6 +14,7 @@ from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.payload import payload
 from twin_diagram.gap.candidates.records import RECORDS
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
+from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
 from twin_diagram.gap.whole_robot.torque_equations import OWN
@@ -65,6 +66,28 @@ def rise_beside_the_usual(problem: RobotProblem, z: Array, candidate: Candidate)
     return float(costs[0] - costs[1])
 
 
+def offset_evidence(problem: RobotProblem, z: Array) -> Array:
+    """Return (n,) how much likelier joints' offsets are than none, where links and gains are off as they may [nats].
+
+    What gravity makes of those passes for an offset, and left-out motion weighs as much as any. An offset's spread is
+    taken to be the likeliest: at t standard errors evidence rises by (t² − 1) / 2 − ln t.
+
+    Args:
+        problem: with what was found.
+        z: (Z,) its coordinates.
+    """
+    told = {c.place for c in problem.sums.further}
+    rest = [c for c in gains(problem) if c.place not in told]
+    every = replace(all_usual(problem), sums=problem.sums.with_further([*problem.sums.further, *rest]))
+    fitted = solve(every, None, np.concatenate([z, np.zeros(sum(c.size for c in rest))]))
+    every = with_noise(every, fitted)
+    fitted = solve(every, None, fitted)
+    places = 10 * problem.n + len(OWN) * np.arange(problem.n) + OWN.index("bias")
+    errors = np.sqrt(np.diag(estimates.covariance(every, fitted))[places])
+    t = np.maximum(np.abs(fitted[places]) / np.maximum(errors, 1e-300), 1.0)
+    return np.asarray(0.5 * (t**2 - 1.0) - np.log(t))
+
+
 def everything_usual(problem: RobotProblem, z: Array, but: Candidate) -> RobotProblem:
     """Return the problem with all that any robot may lack, and what else is in it, but for one candidate.
 
@@ -75,13 +98,16 @@ def everything_usual(problem: RobotProblem, z: Array, but: Candidate) -> RobotPr
     """
     every = all_usual(problem)
     further = [c for c in problem.sums.further if c.place != but.place]
-    terms = _terms(problem)
     told = {c.place for c in further} | {but.place}
-    on_joints = RECORDS[TorqueConstant.name].on_joints
-    gains = [] if on_joints is None else [c for each in on_joints(terms) for c in each]
-    more = [payload(terms), *(replace(c, spread=np.full_like(c.spread, TUNING.gains)) for c in gains)]
-    further += [c for c in more if c.place not in told]
+    further += [c for c in (payload(_terms(problem)), *gains(problem)) if c.place not in told]
     return replace(every, sums=problem.sums.with_further([*further, *rough_friction(every, z, range(problem.n))]))
+
+
+def gains(problem: RobotProblem) -> list[Candidate]:
+    """Return motors' torque constants, which may be off by as much as they usually are."""
+    on_joints = RECORDS[TorqueConstant.name].on_joints
+    there = [] if on_joints is None else [c for each in on_joints(_terms(problem)) for c in each]
+    return [replace(c, spread=np.full_like(c.spread, TUNING.gains)) for c in there]
 
 
 def _coefficients(problem: RobotProblem) -> int:

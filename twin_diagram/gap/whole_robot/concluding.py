@@ -15,6 +15,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.stiction import slides
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.beside_dry import damped, largest_share, told_beside_dry
+from twin_diagram.gap.whole_robot.beside_the_usual import offset_evidence
 from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
@@ -147,7 +148,8 @@ def said_of(problem: RobotProblem, z: Array, spread: Array) -> WholeRobot | None
     wide, least = (estimates.beside_all(x, every, z) for x in (estimates.widened(spread, left_out.fits), spread))
     own = [float(brought[k][(k - problem.n) // len(OWN)]) if k in brought else 0.0 for k in own_units(problem)]
     spread = estimates.by_evidence(wide, least, z - problem.mean, np.reshape(own, (problem.n, len(OWN))))
-    found = estimates.findings(problem, z, spread, given, confidences(problem, brought))
+    sure = confidences(problem, {**brought, **of_offsets(problem, z, brought)})
+    found = estimates.findings(problem, z, spread, given, sure)
     fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
     model = corrected(given, found, [record.mark for record in problem.sums.records.records])
     if model is None:
@@ -256,6 +258,21 @@ def what_each_brings(problem: RobotProblem, left_out: LeftOut) -> dict[int, Arra
     parts = [*units(problem), *further]
     now = linear.likelihood(np.zeros(len(problem.mean), dtype=bool))
     return {k: now - linear.likelihood(part) for k, part in enumerate(parts) if np.any(problem.free & part)}
+
+
+def of_offsets(problem: RobotProblem, z: Array, brought: dict[int, Array]) -> dict[int, Array]:
+    """Return what free offsets bring (n,) [nats], see `what_each_brings`: no more than evidence beside links and gains.
+
+    Args:
+        problem: with them.
+        z: (Z,) its coordinates.
+        brought: by what is free.
+    """
+    k = OWN.index("bias")
+    free = np.flatnonzero(problem.own_free[:, k])
+    most = offset_evidence(problem, z) if len(free) else np.zeros(problem.n)
+    units = {int(j): problem.n + len(OWN) * int(j) + k for j in free}
+    return {unit: np.minimum(brought[unit], most[j]) for j, unit in units.items() if unit in brought}
 
 
 def confidences(problem: RobotProblem, brought: dict[int, Array]) -> dict[str, float]:
