@@ -17,6 +17,7 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 from twin_diagram.assets import symmetry
 from twin_diagram.assets.asset import TUNING as ASSET
 from twin_diagram.assets.asset import Asset
+from twin_diagram.assets.building.flat_faces import flat_faces, flattened
 from twin_diagram.assets.building.inertia import EvenBody, hull_of, outward
 from twin_diagram.assets.building.measured import SIX, MeasuredInertia
 from twin_diagram.assets.description import TUNING as SDF
@@ -136,7 +137,8 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         colours=cloud.colours.astype(np.float32),
     )
     (folder / "pieces").mkdir()
-    files = [ConvexFile(f"pieces/piece{k}.obj", vertices) for k, vertices in enumerate(new.pieces)]
+    flat = flat_faces(new.mesh.vertices[new.mesh.faces])
+    files = [ConvexFile(f"pieces/piece{k}.obj", flattened(piece, flat)) for k, piece in enumerate(new.pieces)]
     for file in files:
         (folder / file.name).write_text(_obj_of(file.vertices))
     inertia = new.solid.inertia(new.mass) if new.measured is None else new.measured.inertia
@@ -162,7 +164,7 @@ def _write_files(new: NewAsset, folder: Path) -> None:
     if new.measured is not None:
         _tell_errors(spec, new.measured)
     (folder / "model.xml").write_text(mjcf(spec, np.zeros(3), inertia, [file.name for file in files]))
-    model = sdf(spec, np.zeros(3), inertia, pieces=files, feet_O=feet(new.mesh.vertices))
+    model = sdf(spec, np.zeros(3), inertia, pieces=files, feet_O=feet(new.mesh.vertices, flat))
     (folder / "model.sdf").write_text(model)
     spec.files = {
         path: hashlib.sha256((folder / path).read_bytes()).hexdigest() for path in written_files.files_of(folder)
@@ -189,24 +191,29 @@ def _obj_of(vertices: Array) -> str:
     return "\n".join(lines) + "\n"
 
 
-def feet(vertices: Array) -> Array:
+def feet(vertices: Array, flat: Array | None = None) -> Array:
     """Return centres (k, 3) of the spheres on which the hull of vertices (V, 3) stands, far from one another.
 
-    They touch three faces of the hull each, from inside. None where the object is too thin to have them.
+    They touch three faces of the hull each, from inside; of flat faces that were found (f, 4), n·p + d = 0, each has
+    its share of them, in one plane and far apart. None where the object is too thin to have them.
     """
     hull = hull_of(vertices)
-    planes = np.unique(np.round(hull.equations, 9), axis=0)
+    flat = np.empty((0, 4)) if flat is None else flat
+    planes = np.unique(np.round(np.concatenate([hull.equations, flat]), 9), axis=0)
     planes[:, 3] += SDF.foot
     try:
         corners = HalfspaceIntersection(planes, vertices[hull.vertices].mean(axis=0)).intersections
     except (QhullError, ValueError):
         return np.empty((0, 3))
     corners = np.unique(np.round(corners[np.isfinite(corners).all(axis=1)], 7), axis=0)
-    chosen = [int(np.linalg.norm(corners, axis=1).argmax())]
-    far = np.full(len(corners), np.inf)
-    while len(chosen) < min(TUNING.feet, len(corners)):
-        far = np.minimum(far, np.linalg.norm(corners - corners[chosen[-1]], axis=1))
-        chosen.append(int(far.argmax()))
+    on = np.abs(corners @ flat[:, :3].T + flat[:, 3] + SDF.foot) < 1e-6
+    chosen = np.zeros(len(corners), bool)
+    for face in [*on.T, np.ones(len(corners), bool)] * TUNING.feet:
+        if chosen.sum() < min(TUNING.feet, len(corners)) and (left := face & ~chosen).any():
+            # The first one is farthest from the middle, each other one from all that the face has.
+            has = corners[face & chosen] if (face & chosen).any() else corners[face].mean(axis=0, keepdims=True)
+            far = np.linalg.norm(corners[left, None] - has, axis=2).min(axis=1)
+            chosen[np.flatnonzero(left)[far.argmax()]] = True
     return np.asarray(corners[chosen])
 
 
