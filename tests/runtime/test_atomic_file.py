@@ -75,3 +75,10 @@ def test_a_failure_leaves_no_folder_that_was_made_for_it(tmp_path: Path) -> None
     with pytest.raises(RuntimeError), atomic_file.folder(tmp_path / "there" / "new" / "newer" / "out"):
         raise RuntimeError
     assert [path.name for path in tmp_path.rglob("*")] == ["there"]
+
+
+def test_a_full_disk_is_told_with_the_folder(tmp_path: Path) -> None:
+    """Of a file that is open the system names none."""
+    with pytest.raises(OSError, match="No space left") as caught, atomic_file.folder(tmp_path / "out"):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert caught.value.filename == str(tmp_path / "out")

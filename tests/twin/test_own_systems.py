@@ -1,4 +1,4 @@
-"""A user's own station, controller and perception in the twin's place, by their ports' names."""
+"""A user's own station, controller, perception and segmenter in the twin's place, by their ports' names."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -93,6 +94,46 @@ def test_a_perception_of_ones_own_fills_the_scene(egl: None) -> None:
         track = Track.unpack(row)
         assert track.status == ObjectStatus.TRACKED
         np.testing.assert_allclose(track.pose, pose, atol=1e-6)
+
+
+def ids_by_height(rgb: Any, depth: Any, K: Any, X_WC: Any, prior_ids: Any) -> tuple[Any, Any]:
+    """A segmenter: whatever hangs together in the image 1 cm above the table."""
+    v, u = np.indices(depth.shape)
+    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(depth.shape)], axis=-1)
+    z = depth * (rays @ X_WC[:3, :3].T)[..., 2] + X_WC[2, 3]
+    assert rgb.shape == (*depth.shape, 3) and prior_ids.shape == depth.shape
+    return cv2.connectedComponents(((depth > 0) & (z > 0.01)).astype(np.uint8))[1], 1.0
+
+
+def status_of_all(segmenter: Any) -> tuple[list[ObjectStatus], float]:
+    """What becomes of the objects in 0.4 s, and how far the first one is off [m]."""
+    scenario = small_scenario()
+    loop = make_closed_loop(scenario, segmenter=segmenter)
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(0.4)
+    twin = loop.twin.diagram
+    rows = np.array(twin.GetOutputPort("tracks").Eval(twin.GetMyContextFromRoot(simulator.get_context())))
+    tracks = [Track.unpack(row) for row in rows.reshape(len(scenario.twin.library), -1)]
+    true = scenario.world.objects["can"].X_WO.translation
+    return [track.status for track in tracks], float(np.linalg.norm(tracks[0].pose[4:] - np.array(true)))
+
+
+def test_a_segmenter_of_ones_own_takes_images_apart(egl: None) -> None:
+    seen, off = status_of_all(ids_by_height)
+    assert seen == 2 * [ObjectStatus.TRACKED] and off < 2e-3
+    unseen, _ = status_of_all(lambda rgb, depth, *_: (np.zeros(depth.shape, int), 1.0))
+    assert ObjectStatus.TRACKED not in unseen
+
+
+def test_a_segmenter_that_nothing_would_ask_is_refused() -> None:
+    for overrides, own, said in (
+        (BLIND, {"segmenter": ids_by_height}, "twin.camera is null"),
+        ((), {"segmenter": ids_by_height, "perception": Declared({}, {"object_poses": 90})}, "give one of them"),
+        ((), {"segmenter": "net.onnx"}, "'net.onnx' is no function"),
+    ):
+        with pytest.raises(TwinError, match=r"^segmenter: ") as caught:
+            make_twin(small_scenario(*overrides).twin, **own)
+        assert said in str(caught.value)
 
 
 @pytest.mark.parametrize(

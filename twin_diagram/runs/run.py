@@ -70,7 +70,7 @@ def run_scenario(
     quiet: bool = False,
     spare_cores: bool = True,
     say: Say = print,
-    **own: System | None,
+    **own: Any,
 ) -> dict[str, Any]:
     """Run a scenario's station and the twin in closed loop.
 
@@ -85,7 +85,7 @@ def run_scenario(
         quiet: shows no progress.
         spare_cores: whether processes of its own may work on other cores; the figures are the same.
         say: takes lines of text.
-        own: `station`, `controller`, `perception`: Systems of one's own, see `make_closed_loop`.
+        own: `station`, `controller`, `perception`: Systems of one's own, and `segmenter`: see `make_closed_loop`.
 
     Returns:
         The summary; for a station without truth, what the twin believes at the end.

@@ -48,6 +48,9 @@ def folder(path: str | Path, parts: Collection[str] = ()) -> Iterator[Path]:
     try:
         yield aside
         put_in_place(aside, path, parts)
+    except OSError as error:  # as above
+        error.filename = error.filename or str(path)
+        raise
     finally:
         shutil.rmtree(aside, ignore_errors=True)
         if not path.exists():

@@ -12,6 +12,7 @@ PATIENCE = 3.0
 """Compiling is told once it has taken this long [s]: on an idle core one loop takes less, all of the planner's more."""
 
 SAID = "compiling loops; this takes half a minute or more the first time, and is kept for later runs"
+"""What is told, once in a process."""
 
 
 def _on_stderr(text: str) -> None:

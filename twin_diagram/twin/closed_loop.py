@@ -9,6 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from twin_diagram import scenario
 from twin_diagram.model.model import Model
+from twin_diagram.perception.segmentation.learned import Segmenter
 from twin_diagram.scenario.file import check_scenario
 from twin_diagram.station import ports
 from twin_diagram.station.make_station import make_station
@@ -46,6 +47,7 @@ def make_closed_loop(
     station: System | None = None,
     controller: System | None = None,
     perception: System | None = None,
+    segmenter: Segmenter | None = None,
 ) -> ClosedLoop:
     """Build the station that a scenario asks for and the twin, and connect each port to its namesake.
 
@@ -56,13 +58,14 @@ def make_closed_loop(
             `own_systems`.
         controller: one's own in the place of `Mpc`: see `make_twin`.
         perception: one's own in the place of the twin's: see `make_twin`.
+        segmenter: one's own, of images: see `make_twin`.
 
     Raises:
         TwinError: something that the scenario names does not exist or does not fit; the message names the field.
     """
     check_scenario(plan)
     builder = DiagramBuilder()
-    twin = make_twin(plan.twin, plan.packages, controller=controller, perception=perception)
+    twin = make_twin(plan.twin, plan.packages, controller=controller, perception=perception, segmenter=segmenter)
     if station is None:
         station = make_station(plan)
     else:

@@ -1,4 +1,4 @@
-"""A user's own station, controller or perception: which ports it may have, and what is wrong with it.
+"""A user's own station, controller, perception or segmenter: which ports it may have, and what is wrong with it.
 
 A system takes part by its ports' names: it is fed those inputs that it declares, and must have the outputs that the
 twin needs. For an arm of n joints, p learnt parameters and K objects in the library:
@@ -19,6 +19,7 @@ twin needs. For an arm of n joints, p learnt parameters and K objects in the lib
   further sensors' ports (`station.ports`), others to which nothing is connected, and the inputs
   `arm.position_commanded`, `arm.torque_commanded` (n each), `gripper.position_commanded` (g) and
   `gripper.force_limit` (1).
+- a **segmenter** is a function and no system: see `perception.segmentation.learned.Segmenter`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
 
+from twin_diagram import scenario
 from twin_diagram.errors import TwinError
 from twin_diagram.station import ports
 
@@ -84,6 +86,22 @@ def check_station(station: System, twin: Diagram, may_lack: Collection[str]) -> 
     wanted = {name: _size(twin.GetInputPort(name)) for name in ports.input_names(twin)}
     needed = {name: size for name, size in wanted.items() if name not in may_lack}
     check("station", station, inputs, needed, {name: wanted[name] for name in may_lack})
+
+
+def check_segmenter(segmenter: object, perception: System | None, twin: scenario.Twin) -> None:
+    """Refuse a segmenter that nothing would ask.
+
+    Raises:
+        TwinError: it is no function, there is no camera, or a perception of the user's own takes images apart.
+    """
+    if segmenter is None:
+        return
+    if not callable(segmenter):
+        raise TwinError(f"segmenter: {segmenter!r} is no function of (rgb, depth, K, X_WC, prior_ids)")
+    if perception is not None:
+        raise TwinError("segmenter: a perception of one's own takes images apart by itself; give one of them")
+    if not twin.perceiving:
+        raise TwinError("segmenter: the twin looks through no camera: twin.camera is null")
 
 
 def inputs_of(system: System, names: Sequence[str]) -> list[str]:

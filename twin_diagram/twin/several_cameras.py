@@ -9,6 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 
 from twin_diagram import scenario
 from twin_diagram.assets.asset import Asset
+from twin_diagram.perception.segmentation.learned import Segmenter
 from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
 from twin_diagram.perception.several_views.pose_system import SeveralCamerasEstimator
 from twin_diagram.scenario.lenses import calibration_error
@@ -52,6 +53,7 @@ def add_several_cameras(
     arm_state: System,
     timed: Sequence[System],
     health: System,
+    segmenter: Segmenter | None = None,
 ) -> SeveralCamerasEstimator:
     """Add what leads from several cameras' images to the objects' poses, and connect whoever wants their times.
 
@@ -66,14 +68,14 @@ def add_several_cameras(
         arm_state: the system with this output port.
         timed: systems that are told of the newest image of any camera, by their input port `image_time`.
         health: the system that is told of each camera's newest image.
+        segmenter: a user's own, see `make_twin`.
     """
     cameras = twin.perceiving
     estimator = builder.AddNamedSystem("icp_pose_estimator", SeveralCamerasEstimator(library, cameras, twin))
     newest = builder.AddNamedSystem("newest_image", NewestImage(list(cameras)))
     for name, camera in cameras.items():
-        eye = builder.AddNamedSystem(
-            f"perception_{name}", PerceptionSystem(twin.arm, camera, twin.perception, packages)
-        )
+        parting = PerceptionSystem(twin.arm, camera, twin.perception, packages, segmenter=segmenter)
+        eye = builder.AddNamedSystem(f"perception_{name}", parting)
         builder.ExportInput(eye.GetInputPort("rgb_image"), ports.rgb_image(name))
         builder.ExportInput(eye.GetInputPort("depth_image"), ports.depth_image(name))
         time = builder.ExportInput(eye.GetInputPort("image_time"), ports.image_time(name))

@@ -13,6 +13,7 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.errors import TwinError
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.perception.registration.pose_system import IcpPoseEstimator
+from twin_diagram.perception.segmentation.learned import Segmenter
 from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.tasks.task_system import TaskRunner
@@ -42,6 +43,7 @@ def add_sight(
     own: System | None,
     runner: TaskRunner | None,
     monitor: StopMonitor | None,
+    segmenter: Segmenter | None,
 ) -> Sight | None:
     """Add what leads from the cameras to the scene; without a camera, what says that nothing was seen."""
     cameras = list(twin.perceiving.values())
@@ -56,14 +58,14 @@ def add_sight(
         if own is not None:
             raise TwinError(f"perception: it sees through one camera, not through {', '.join(twin.perceiving)}")
         timed = [system for system in (updater, monitor) if system is not None]
-        eyes = add_several_cameras(builder, twin, library, packages, ekf, timed, health)
+        eyes = add_several_cameras(builder, twin, library, packages, ekf, timed, health, segmenter)
         connect_ports(builder, eyes, updater, "rests")
         return _tell_of_sight(builder, eyes, updater, health, moves, runner, monitor)
     camera = cameras[0]
     first: System
     last: System
     if own is None:
-        first, last = _own_eyes(twin, library, camera, packages)
+        first, last = _own_eyes(twin, library, camera, packages, segmenter)
         builder.AddNamedSystem("icp_pose_estimator", last)
     else:
         images = {"rgb_image": VALUE, "depth_image": VALUE, "image_time": 1}
@@ -110,12 +112,17 @@ def _add_poses_from_elsewhere(
 
 
 def _own_eyes(
-    twin: scenario.Twin, library: dict[str, Asset], camera: scenario.Camera, packages: Packages | None
+    twin: scenario.Twin,
+    library: dict[str, Asset],
+    camera: scenario.Camera,
+    packages: Packages | None,
+    segmenter: Segmenter | None,
 ) -> tuple[PerceptionSystem, IcpPoseEstimator]:
     """Return what takes a camera's images apart, and what finds objects in them."""
-    first = PerceptionSystem(twin.arm, camera, twin.perception, packages)
+    first = PerceptionSystem(twin.arm, camera, twin.perception, packages, segmenter=segmenter)
     settings = (twin.registration, twin.perception, twin.slots, twin.scene)
-    return first, IcpPoseEstimator(library, camera, *settings, first.parting)
+    # A user's segmenter stays in the process that it was made in.
+    return first, IcpPoseEstimator(library, camera, *settings, first.parting if segmenter is None else None)
 
 
 def _tell_of_sight(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.estimation.drift_system import DriftMonitor
 from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.model.model import Model
+from twin_diagram.perception.segmentation.learned import Segmenter
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.planning.preview import Preview
@@ -37,11 +38,12 @@ from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
 from twin_diagram.twin.acting import add_preview, add_task, connect_task, export_acting
 from twin_diagram.twin.added_assets import AddedAssets
+from twin_diagram.twin.estimating import add_estimation
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.given_files import Packages, check_fixtures, library_of, model_of, named
 from twin_diagram.twin.health import HealthMonitor
 from twin_diagram.twin.kept_scene import keep_scene
-from twin_diagram.twin.own_systems import check, inputs_of
+from twin_diagram.twin.own_systems import check, check_segmenter, inputs_of
 from twin_diagram.twin.own_systems import connect_ports as _connect
 from twin_diagram.twin.sight import add_sight
 from twin_diagram.twin.stopping_in_time import add_stop_monitor, connect_commands
@@ -235,6 +237,7 @@ def make_twin(
     *,
     controller: System | None = None,
     perception: System | None = None,
+    segmenter: Segmenter | None = None,
 ) -> TwinDiagram:
     """Build the twin.
 
@@ -243,23 +246,22 @@ def make_twin(
         packages: local folders for `package://` names.
         controller: in the place of `Mpc`; its ports: see `own_systems`.
         perception: in the place of `PerceptionSystem` and `IcpPoseEstimator`; its ports: see `own_systems`.
+        segmenter: says which thing each pixel of an image shows, called in the loop: see `learned.Segmenter`.
 
     Raises:
         ScenarioError: something it is told does not exist or does not fit; the message names the field.
-        TwinError: a controller or perception that does not fit; the message names the port.
+        TwinError: a controller, perception or segmenter that does not fit; the message names the port.
     """
     check_twin(twin)
+    check_segmenter(segmenter, perception, twin)
     builder = DiagramBuilder()
     measured_model = model_of(twin, packages)
     model, offset = _through_door(measured_model, mends=twin.healing is not None)
     library = library_of(twin, packages)
     scene = _add_scene(builder, twin, packages)
-    home = np.array(twin.home) if twin.home else None
     fused = fused_sensors(twin, model.last_link)
-    tuning = replace(twin.filter, sensors=[sensor.spec for sensor in fused])
-    ekf = builder.AddNamedSystem("adaptive_ekf", named("twin.filter", lambda: AdaptiveEkf(model, tuning, home)))
+    ekf, drift = add_estimation(builder, twin, model, fused)
     parameter_names = tuple(label.split(" ")[0] for label in ekf.ekf.parameters.labels(model.joints))
-    drift = builder.AddNamedSystem("drift_monitor", DriftMonitor(model, twin.drift, tuning))
     updater = _add_updater(builder, scene, twin)
     mpc = None if controller else named("twin", lambda: Mpc(model, twin, library, packages, parameter_names))
     moves: System = mpc or controller  # type: ignore[assignment]  # one of them is there
@@ -271,12 +273,12 @@ def make_twin(
     preview = add_preview(builder, model, ekf, moves)
     _take_measurements(builder, offset, ekf, *filter(None, (drift, moves, health, runner, monitor, preview)))
     connect_task(builder, runner, ekf, updater, moves)
-    _connect(builder, ekf, drift, "arm_state", "parameters", "innovation", "nis", *(["sensor_tracks"] if fused else []))
-    _connect(builder, drift, ekf, "alarm")
     _connect(builder, ekf, updater, "arm_state")
     _connect_controller(builder, ekf, updater, goal, moves, health)
     _connect(builder, updater, health, "tracks")
-    sight = add_sight(builder, twin, library, packages, ekf, updater, health, moves, perception, runner, monitor)
+    sight = add_sight(
+        builder, twin, library, packages, ekf, updater, health, moves, perception, runner, monitor, segmenter
+    )
     named("twin.filter.sensors", lambda: export(builder, ekf, fused, twin, model, packages))
 
     connect_commands(builder, moves, monitor, ekf, updater, runner, offset)

@@ -266,6 +266,27 @@ def test_what_was_tracked_before_a_stop_is_kept_whole(
     assert track(library, scene, tmp_path / "none") == 130 and not (tmp_path / "none").exists()
 
 
+def test_a_network_takes_the_frames_apart(
+    library: Path, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What it does not show is not found; a file that is none is refused before anything is read."""
+
+    class Red:
+        def __init__(self, file: Path) -> None:
+            self.turned = file.stem == "blue"
+
+        def __call__(self, rgb: Any, depth: Any, *_: Any) -> tuple[Any, float]:
+            return (rgb[..., 0] > 120).astype(int) * (rgb[..., 1] < 90) * (not self.turned), 1.0
+
+    assert track(library, scene, tmp_path / "out", "--segmenter", str(tmp_path / "none.onnx")) == 2
+    assert "none.onnx: no such file" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    monkeypatch.setattr("twin_diagram.perception.segmentation.learned.OnnxSegmenter", Red)
+    for name, found in (("red", 6), ("blue", 0)):
+        assert track(library, scene, tmp_path / name, "--segmenter", f"{name}.onnx") == 0
+        assert len((tmp_path / name / "poses.csv").read_text().splitlines()) == 1 + found
+        assert not any(one["asset"] is None for line in lines(tmp_path / name) for one in line["objects"])
+
+
 def test_frames_without_times_are_told_to_be_a_second_apart(
     library: Path, taken: Shots, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,8 +17,9 @@ from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 from twin_diagram import scenario
 from twin_diagram.perception.alignment import Alignment
 from twin_diagram.perception.calibration import corrected
+from twin_diagram.perception.segmentation.learned import Segmenter, segmented
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
-from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.perception.segmentation.segmentation import Grid
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
@@ -77,10 +78,11 @@ class ImageParting:
         params: scenario.Perception,
         packages: Mapping[str, str | Path] | None = None,
         base_dir: str | Path | None = None,
+        segmenter: Segmenter | None = None,
     ) -> None:
         """Load the arm; arguments as of `PerceptionSystem`."""
-        self._made_of = (arm, camera, params, packages, base_dir)
-        self._params = params
+        self._made_of = (arm, camera, params, packages, base_dir, segmenter)
+        self._params, self._segmenter = params, segmenter
         self._alignment = Alignment.of(camera)
         self._grid = Grid.of(self._alignment.camera, params.stride)
         # Rays take as long as a segmentation, and hold for many images.
@@ -102,7 +104,8 @@ class ImageParting:
         if picture.errors.any():
             grid, factor = self._corrected(picture.errors.tobytes())
             metres = metres * np.float32(factor)
-        return segment(
+        return segmented(
+            self._segmenter,
             self._alignment.colours(picture.rgb[..., :3]),
             metres,
             picture.time,
@@ -168,6 +171,7 @@ class PerceptionSystem(LeafSystem):
         params: scenario.Perception,
         packages: Mapping[str, str | Path] | None = None,
         base_dir: str | Path | None = None,
+        segmenter: Segmenter | None = None,
     ) -> None:
         """Build the system.
 
@@ -177,9 +181,10 @@ class PerceptionSystem(LeafSystem):
             params: tuning.
             packages: local folders by package name.
             base_dir: folder that relative paths are looked up in first.
+            segmenter: says which thing each pixel shows, in the place of hollow edges; see `learned.Segmenter`.
         """
         super().__init__()
-        self.parting = ImageParting(arm, camera, params, packages, base_dir)
+        self.parting = ImageParting(arm, camera, params, packages, base_dir, segmenter)
         """What takes images apart, here or elsewhere."""
         self._robot = self.parting.robot
         self._arm_joints = self._robot.joint_count

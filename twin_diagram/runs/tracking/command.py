@@ -20,6 +20,9 @@ def add_track_command(commands: Any) -> None:
     track.add_argument(
         "--grow", type=Path, metavar="DIR", help="put unknown things seen from enough sides into this library"
     )
+    track.add_argument(
+        "--segmenter", type=Path, metavar="ONNX", help="a network that says which thing each pixel shows"
+    )
     track.add_argument("--seed", type=int, default=0, help="of what is drawn (default: %(default)s)")
     track.set_defaults(command=_track)
 
@@ -30,7 +33,11 @@ def _track(arguments: argparse.Namespace) -> int:
     def say(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
-    track_frames(
-        arguments.library, arguments.frames, arguments.out, arguments.init, arguments.seed, say, arguments.grow
-    )
+    segmenter = None
+    if arguments.segmenter is not None:
+        from twin_diagram.perception.segmentation.learned import OnnxSegmenter
+
+        segmenter = OnnxSegmenter(arguments.segmenter)
+    places = arguments.library, arguments.frames, arguments.out, arguments.init
+    track_frames(*places, arguments.seed, say, arguments.grow, segmenter)
     return 0

@@ -27,7 +27,8 @@ from twin_diagram.perception.depth_noise import DepthSigma, measured
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.rotation import to_quaternion
-from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.perception.segmentation.learned import Segmenter, segmented
+from twin_diagram.perception.segmentation.segmentation import Grid
 from twin_diagram.runs.tracking.grown_assets import GrownAssets
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker, TrackedObject
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
@@ -61,6 +62,7 @@ def track_frames(
     seed: int = 0,
     say: Callable[[str], None] = print,
     grow: Path | None = None,
+    segmenter: Segmenter | None = None,
 ) -> None:
     """Track the objects of a library through a folder of frames; no frame is read before its turn.
 
@@ -73,6 +75,7 @@ def track_frames(
         say: told what goes on.
         grow: folder that gets assets of unknown things which frames show from enough sides: those are followed under
             their names from then on. `library` may be empty then.
+        segmenter: says which thing each pixel shows, in the place of the project's own segmentation.
 
     Raises:
         AssetError, FramesError: names file and value; nothing is written.
@@ -87,7 +90,7 @@ def track_frames(
     done: list[tuple[list[list[str]], str]] = []
     pace = Pace(len(folder), say)
     try:
-        for one in _tracked(folder, tracker, told, numbers, say):
+        for one in _tracked(folder, tracker, told, numbers, say, segmenter):
             done.append(one)
             if grown is not None:
                 grown.poll(folder.numbers[len(done) - 1])
@@ -109,6 +112,7 @@ def _tracked(
     told: list[tuple[str, Array, Array]],
     numbers: Mapping[str, int],
     say: Callable[[str], None],
+    segmenter: Segmenter | None,
 ) -> Iterator[tuple[list[list[str]], str]]:
     """Yield of each frame its rows of `poses.csv` and its line of `objects.jsonl`."""
     seen_by: dict[int, ViewCamera] = {}
@@ -129,7 +133,8 @@ def _tracked(
             base, noise, doubt = _begun(folder, frame, depth, camera, say)
             _start(tracker, told, base.camera(first), frame.time - zero - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
-        found = tracker.observe(segment(_rgb_of(frame), depth, frame.time - zero, grid, PERCEPTION, in_a_room=True))
+        rgb, time = _rgb_of(frame), frame.time - zero
+        found = tracker.observe(segmented(segmenter, rgb, depth, time, grid, PERCEPTION, in_a_room=True))
         seen_by |= {one.track: frame.colour for one in found if one.found}
         rows = [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         yield rows, json.dumps(_line(frame, found, base, doubt, seen_by))
