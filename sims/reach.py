@@ -1,7 +1,7 @@
 """A Panda reaches across a table on which two things go to and fro at up to 0.5 m/s; it sees them by its camera alone.
 
 Goal, places and ways are drawn from the seed. Success: the tool is at the goal in the end, and nothing was touched. A
-run that is there already is read back. Seeds below 100000 are for training.
+run of the same scenario that is there already is read back. Seeds below 100000 are for training.
 
     python sims/reach.py --first 0 --count 100
     python sims/reach.py --quick
@@ -10,7 +10,6 @@ run that is there already is read back. Seeds below 100000 are for training.
 from __future__ import annotations
 
 import argparse
-import json
 import logging
 import sys
 from pathlib import Path
@@ -22,14 +21,15 @@ from reaching.counting import row, told
 from reaching.drawing import draw_reach
 
 from twin_diagram import TwinError, load_scenario, run_scenario
+from twin_diagram.runs.many_seeds import read_back
 
 
 def run(base: Any, seed: int, out: Path) -> dict[str, Any]:
-    """Return a run's summary; one that is there is read back."""
-    done = out / "summary.json"
-    if done.is_file() and not (summary := json.loads(done.read_text())).get("stopped"):
-        return dict(summary)
-    return run_scenario(draw_reach(base, seed), out=out, pictures=False, quiet=True, say=lambda text: None)
+    """Return a run's summary; one of the same scenario that is there is read back."""
+    drawn = draw_reach(base, seed)
+    if (summary := read_back(out, drawn)) is not None:
+        return summary
+    return run_scenario(drawn, out=out, pictures=False, quiet=True, say=lambda text: None)
 
 
 def main() -> int:

@@ -19,6 +19,7 @@ from twin_diagram.runs.score import within
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.child_process import BAD_INPUT, ChildProcess
 from twin_diagram.runtime.threads import one_thread
+from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import dump_scenario, load_scenario, save_scenario
 
 Task = tuple[str, list[str], int, str]
@@ -149,19 +150,29 @@ class SeedProcess(ChildProcess[dict[str, Any]]):
         return dict(json.loads((Path(self._task[3]) / "summary.json").read_text(encoding="utf-8")))
 
 
-@one_thread()
-def run_one(task: Task) -> dict[str, Any]:
-    """Run one seed; a run of the same scenario that was finished before is read back."""
-    name, overrides, seed, folder = task
-    done, kept, base = Path(folder) / "summary.json", Path(folder) / ASKED, load_scenario(name, overrides)
-    asked = dump_scenario(base)
-    # Earlier versions did not keep what was asked; their runs are taken as they are.
+def read_back(folder: Path, scenario: Scenario) -> dict[str, Any] | None:
+    """Return the summary of a run of a scenario that was finished in a folder; None: there is none.
+
+    Then the folder is made ready for one: what is asked is kept there, and what another scenario left is gone. Earlier
+    versions did not keep what was asked; their runs are taken as they are.
+    """
+    done, kept, asked = folder / "summary.json", folder / ASKED, dump_scenario(scenario)
     if done.is_file() and (not kept.is_file() or kept.read_text(encoding="utf-8") == asked):
         summary = dict(json.loads(done.read_text(encoding="utf-8")))
         if not summary.get("stopped"):
             return summary
     done.unlink(missing_ok=True)  # it is of another scenario than what is kept from here on
     atomic_file.write(kept, asked)
+    return None
+
+
+@one_thread()
+def run_one(task: Task) -> dict[str, Any]:
+    """Run one seed; a run of the same scenario that was finished before is read back."""
+    name, overrides, seed, folder = task
+    base = load_scenario(name, overrides)
+    if (summary := read_back(Path(folder), base)) is not None:
+        return summary
     scenario = vary(base, seed, Path(folder) / "assets")
     save_scenario(scenario, Path(folder) / "scenario.yaml")
     return run_scenario(

@@ -12,7 +12,7 @@ from twin_diagram.planning.grasps.gripper import WSG50
 from twin_diagram.runs.learning.cell import Picture
 from twin_diagram.runs.learning.coverage import hands_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld
-from twin_diagram.runs.learning.following import Followed, apart, follow, follow_anew, found_again
+from twin_diagram.runs.learning.following import Followed, apart, follow, follow_anew, found_again, register
 from twin_diagram.signals import rotations
 
 X_TB = np.eye(4)
@@ -151,3 +151,20 @@ def test_new_sides_of_what_is_round_are_no_slip() -> None:
     assert seen.slips == []
     extent = np.ptp(seen.points, axis=0)
     assert extent == pytest.approx([0.10, 0.066, 0.066], abs=0.005)
+
+
+def test_a_turn_is_about_the_points_own_middle_wherever_the_frames_origin_is() -> None:
+    """The prior speaks of turning and shifting there: half a metre off, a turn about the origin would be a shift."""
+    rng, half = np.random.default_rng(0), np.array([0.03, 0.04, 0.06])
+    normals = np.repeat(np.vstack([np.eye(3), -np.eye(3)]), 300, axis=0)
+    cloud = np.where(np.abs(normals) > 0.5, normals, rng.uniform(-1.0, 1.0, normals.shape)) * half
+    middle = np.array([0.5, 0.0, 0.0])
+    R = rotations.matrix(rotations.exp(np.array([0.0, 0.04, 0.06])))
+    X, share = register(
+        cloud + middle, normals, cloud[::5] @ R + middle, normals[::5] @ R, np.eye(4), (0.0005, 0.1), 0.012
+    )
+    assert share > 0.9
+    assert rotations.difference(rotations.from_matrix(X[:3, :3]), rotations.from_matrix(R)) == pytest.approx(
+        0.0, abs=4e-3
+    )
+    assert X[:3, :3] @ middle + X[:3, 3] == pytest.approx(middle, abs=5e-4)

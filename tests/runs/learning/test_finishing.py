@@ -1,0 +1,45 @@
+"""From a shape and what was weighed of it to an asset: what stands where in its frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.planning.grasps.brute_force import box_triangles
+from twin_diagram.assets.building.backends import ColouredSurface
+from twin_diagram.assets.building.measured import MeasuredInertia
+from twin_diagram.assets.mesh import read_obj
+from twin_diagram.planning.grasps.known_object import read_known
+from twin_diagram.runs.learning.finishing import write_learned
+
+MIDDLE = np.array([0.02, -0.03, 0.15])
+"""Of the box in S, the frame of its pictures [m]."""
+R_WS = Rotation.from_euler("zx", [70, 90], degrees=True).as_matrix()
+
+
+@pytest.mark.parametrize("off", [np.array([0.004, 0.002, -0.01]), None])
+def test_an_assets_origin_is_the_centre_of_mass_its_axes_those_of_the_world(
+    tmp_path: Path, off: np.ndarray | None
+) -> None:
+    corners = box_triangles(0.06, 0.04, 0.1) + MIDDLE
+    texture = np.full((8, 8, 3), 200, dtype=np.uint8)
+    shape = ColouredSurface(corners, np.full((len(corners), 3, 2), 0.5), texture, 0.05, 0.001)
+    measured = None
+    if off is not None:
+        inertia, by = 0.5 / 12.0 * np.diag([0.0116, 0.0136, 0.0052]), {"mass": "measured"}
+        by |= {"centre": "measured", "inertia": "measured"}
+        measured = MeasuredInertia(0.5, MIDDLE + off, inertia, 1e-3, np.full(3, 1e-3), np.full(6, 1e-6), by)
+    told = write_learned("box", tmp_path, shape, R_WS, measured)
+    centre = MIDDLE if off is None else MIDDLE + off
+    np.testing.assert_allclose(told["R_OS"] @ centre + told["p_OS"], 0.0, atol=1e-6)
+    np.testing.assert_allclose(told["R_OS"], R_WS)
+    known = read_known(tmp_path / "box")
+    assert known.mass == pytest.approx(0.5 if off is not None else 0.24, rel=1e-3)
+    np.testing.assert_allclose(known.centre, 0.0, atol=1e-6)
+    seen = read_obj(tmp_path / "box" / "visual.obj").vertices
+    expected = (corners.reshape(-1, 3) - centre) @ R_WS.T
+    np.testing.assert_allclose(seen.min(axis=0), expected.min(axis=0), atol=2e-5)
+    np.testing.assert_allclose(seen.max(axis=0), expected.max(axis=0), atol=2e-5)
