@@ -7,8 +7,10 @@ steps, as `run_scenario` does, or has the Simulator call
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from twin_diagram.scene.slot_geometry import follow
 from twin_diagram.scene.twin_scene import TwinScene
@@ -32,3 +34,13 @@ def keep_scene(twin: Diagram, scene: TwinScene, context: Context) -> bool:
         rows = np.asarray(twin.GetOutputPort("things").Eval(context))
     own = twin.GetMutableSubsystemContext(scene.scene_graph, context)
     return follow(scene.scene_graph, own, scene.slots, further, things_of(rows), scene.shapes_of)
+
+
+def scene_monitor(twin: Diagram, scene: TwinScene) -> Callable[[Context], EventStatus]:
+    """Return what keeps the scene after each step, for `Simulator.set_monitor` of any Diagram around the twin."""
+
+    def monitor(context: Context) -> EventStatus:
+        keep_scene(twin, scene, twin.GetMyMutableContextFromRoot(context))
+        return EventStatus.DidNothing()
+
+    return monitor

@@ -42,7 +42,7 @@ from twin_diagram.twin.estimating import add_estimation
 from twin_diagram.twin.fused_sensors import Fused, export, fused_sensors
 from twin_diagram.twin.given_files import Packages, check_fixtures, library_of, model_of, named
 from twin_diagram.twin.health import HealthMonitor
-from twin_diagram.twin.kept_scene import keep_scene
+from twin_diagram.twin.kept_scene import keep_scene, scene_monitor
 from twin_diagram.twin.own_systems import check, check_segmenter, inputs_of
 from twin_diagram.twin.own_systems import connect_ports as _connect
 from twin_diagram.twin.sight import add_sight
@@ -193,12 +193,7 @@ class TwinDiagram:
 
     def scene_monitor(self) -> Callable[[Context], EventStatus]:
         """Return what calls `keep_scene` after each step: `simulator.set_monitor(twin.scene_monitor())`."""
-
-        def keep(root: Context) -> EventStatus:
-            self.keep_scene(self.diagram.GetMyMutableContextFromRoot(root))
-            return EventStatus.DidNothing()
-
-        return keep
+        return scene_monitor(self.diagram, self.scene)
 
     def events(self, context: Context) -> list[dict[str, Any]]:
         """Return what happened to objects and things, oldest first: time [s], event, object."""
