@@ -64,20 +64,29 @@ def colour_costs(model: ModelCloud, frame: Frame, poses: Poses, points: int) -> 
     each = _each(looked, frame, weight)
     shown = weight.sum(axis=1)
     mean = np.einsum("bp,bp->b", each, weight) / np.maximum(shown, 1e-9)
-    z = float(np.median(looked.z[0]))
-    # A row of many points stands for the pixels that the object takes up, and so does one of few.
-    share = shown[0] / max(float(looked.counted[0].sum()), 1.0)
-    area = share * model.view_area * (frame.camera.fx / z) ** 2
-    return np.where(shown < TUNING.least * shown[0], TUNING.never, mean * area / TUNING.pixels)
+    return np.where(shown < TUNING.least * shown[0], TUNING.never, mean * pixel_votes(model, frame, looked, shown[0]))
+
+
+def pixel_votes(model: ModelCloud, frame: Frame, looked: Looked, shown: float) -> float:
+    """Return how many votes the pixels of the first of poses have, of which points of `shown` weight are in place.
+
+    A row of many points stands for the pixels that the object takes up, and so does one of few.
+    """
+    share = shown / max(float(looked.counted[0].sum()), 1.0)
+    return float(share * model.view_area * (frame.camera.fx / np.median(looked.z[0])) ** 2 / TUNING.pixels)
 
 
 def _each(looked: Looked, frame: Frame, weight: Array) -> Array:
     """Return (B, P) what each point's colour costs [nat]."""
-    off, lit = colours_missed(looked, frame, weight, FINE)
-    way = lit / np.maximum(np.linalg.norm(lit, axis=2, keepdims=True), 1e-6)
-    along = np.einsum("bpi,bpi->bp", off, way)
-    across = np.maximum(np.einsum("bpi,bpi->bp", off, off) - along**2, 0.0)
-    return likelihood(along, across, looked.texture)
+    return missed(*colours_missed(looked, frame, weight, FINE), looked.texture)
+
+
+def missed(off: Array, colour: Array, texture: Array) -> Array:
+    """Return (…) what it costs to be off (…, 3) from colours (…, 3) on textures (…) [nat]."""
+    way = colour / np.maximum(np.linalg.norm(colour, axis=-1, keepdims=True), 1e-6)
+    along = np.einsum("...i,...i", off, way)
+    across = np.maximum(np.einsum("...i,...i", off, off) - along**2, 0.0)
+    return likelihood(along, across, texture)
 
 
 def likelihood(along: Array, across: Array, texture: Array) -> Array:

@@ -2,7 +2,8 @@
 
 A bottle's front and back are told apart where a label shows; from its narrow side perhaps not. What one image tells,
 it tells again in the next, errors included: odds do not add up over images. An image that tells counts from then on,
-and images that contradict it take it back bit by bit; images that hardly tell count by their mean.
+and images that contradict it take it back bit by bit; images that hardly tell count by their mean. None tells more than
+what it shows differs from turn to turn; see `told_apart`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.sunk import sunk_costs
+from twin_diagram.perception.registration.told_apart import most_told
 from twin_diagram.perception.registration.view import View
 from twin_diagram.signals.arrays import Array
 
@@ -110,15 +112,17 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
     against = cost - cost[0]
     far = turned(R, one.R) > TUNING.other
     worth = _worth(R, against, far, before < TUNING.enough)
-    found = [again(laid.R[k], laid.p[k]) for k in worth]
+    most = _most(model, view, laid, far & (against < TUNING.clear))
+    found = [(again(laid.R[k], laid.p[k]), most[k]) for k in worth]
+    against = np.clip(against, -most, most)
     against[worth] = np.inf
     told = float(against[far].min(initial=np.inf))
-    others = [x for x in found if x is not None and turned(x.R, one.R) > TUNING.same]
-    others = [replace(x, named=one.named, by_shape=one.by_shape) for x in others]
+    kept = [(x, bound) for x, bound in found if x is not None and turned(x.R, one.R) > TUNING.same]
+    others = [replace(x, named=one.named, by_shape=one.by_shape) for x, _ in kept]
     if max(x.quality / max(x.shape, 1e-9) for x in (one, *others)) < TUNING.speaks:
         return replace(one, odds=max(before, TUNING.unsaid))
     if others:
-        worse = _worse(model, view, one, others)
+        worse = _worse(model, view, one, others, np.array([bound for _, bound in kept]))
         best = int(np.argmin(worse))
         far_off = np.array([turned(x.R, one.R) > TUNING.other for x in others])
         if worse[best] < -TUNING.wrong and not far_off[best]:
@@ -173,11 +177,23 @@ def _worth(R: Array, against: Array, far: npt.NDArray[np.bool_], unsure: bool) -
     return chosen
 
 
-def _worse(model: ModelCloud, view: View, one: RegisteredPose, others: Sequence[RegisteredPose]) -> Array:
-    """Return (K,) how much less likely than a registered pose others are, by shape, colours and the table [nat]."""
+def _most(model: ModelCloud, view: View, laid: Poses, asked: npt.NDArray[np.bool_]) -> Array:
+    """Return (B,) what the image can tell of the first of poses and each that is asked for; of others, anything."""
+    numbers = np.flatnonzero(asked)
+    most = np.full(len(laid.p), np.inf)
+    if len(numbers):
+        most[numbers] = most_told(model, view.frame, laid[np.append(0, numbers)], TUNING.points)[1:]
+    return most
+
+
+def _worse(model: ModelCloud, view: View, one: RegisteredPose, others: Sequence[RegisteredPose], most: Array) -> Array:
+    """Return (K,) how much less likely than a registered pose others are, by shape, colours and the table [nat].
+
+    Shape and colours say no more than `most` (K,).
+    """
     poses = Poses(np.stack([x.R for x in (one, *others)]), np.stack([x.p for x in (one, *others)]))
     own = claimed(model, view.segments, one.R, one.p, TUNING.around)
     whole = compare(model, view.frame, poses, view.segments.points_W[own], FINE)
     whole += colour_costs(model, view.frame, poses, view.params.model_points)
-    whole += sunk_costs(model.points, poses, view.segments.planes)
-    return np.asarray(whole[1:] - whole[0])
+    sunk = sunk_costs(model.points, poses, view.segments.planes)
+    return np.asarray(np.clip(whole[1:] - whole[0], -most, most) + sunk[1:] - sunk[0])
