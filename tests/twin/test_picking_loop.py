@@ -14,6 +14,7 @@ from twin_diagram.planning.tasks.step_state import NOTE_FIELDS, Note, Phase, Tas
 from twin_diagram.runs.task_score import TaskScore
 from twin_diagram.scenario import Scenario, load_scenario
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.hand import NOTHING
 from twin_diagram.signals.layouts import PoseMeasurement
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 
@@ -21,10 +22,11 @@ AT = (0.5, -0.32, 0.051)
 
 
 class ToldOnce(LeafSystem):
-    """Perception that sees the can for a while where it stood at the start, and then no more."""
+    """Perception that sees the can where it stood at the start, and after a while, mostly once it is held, no more."""
 
     def __init__(self, seen_until: float) -> None:
         super().__init__()
+        self.seen_until = seen_until
         size = len(PoseMeasurement(0.0, 0.0, np.zeros(7), np.zeros((6, 6))).pack())
 
         def calc(context: Context, output: BasicVector) -> None:
@@ -32,12 +34,15 @@ class ToldOnce(LeafSystem):
             pose = np.array([1.0, 0, 0, 0, *AT])
             image = np.floor(15.0 * now) / 15.0
             covariance = np.diag([1e-4] * 3 + [1e-6] * 3)
-            output.SetFromVector(PoseMeasurement(float(now < seen_until), image, pose, covariance).pack())
+            output.SetFromVector(PoseMeasurement(float(now < self.seen_until), image, pose, covariance).pack())
 
         self.DeclareVectorOutputPort("object_poses", size, calc, {self.time_ticket()})
 
 
-def loop_of(*overrides: str, seen_until: float = 3.0) -> ClosedLoop:
+UNTIL_HELD = np.inf
+
+
+def loop_of(*overrides: str, seen_until: float = UNTIL_HELD) -> ClosedLoop:
     plan: Scenario = load_scenario("pick_and_place", ["twin.camera.rate=15", *overrides])
     plan.world.objects = {"can": plan.world.objects["can"]}
     plan.twin.library = {"can": plan.twin.library["can"]}
@@ -63,10 +68,13 @@ def run(loop: ClosedLoop, most: float) -> tuple[TaskState, dict[str, Any]]:
     simulator, score = Simulator(loop.diagram), TaskScore(loop)
     context = simulator.get_mutable_context()
     state = state_of(loop, context)
+    told = next(system for system in loop.twin.diagram.GetSystems() if isinstance(system, ToldOnce))
     while state.outcome is TaskOutcome.RUNNING and context.get_time() < most:
         simulator.AdvanceTo(context.get_time() + 0.02)
         score.poll(context)
         state = state_of(loop, context)
+        if told.seen_until == UNTIL_HELD and state.hand.held != NOTHING:
+            told.seen_until = context.get_time()
     return state, score.told(context)
 
 

@@ -29,6 +29,11 @@ def carrying(state: TaskState, seen: StepView, step: Step, library: Sequence[Tak
     return state.entering(Phase.CARRY, seen.now, moved(last, RAISED))
 
 
+def above_place(state: TaskState, step: Step, library: Sequence[Takeable], near: Array) -> Array:
+    """Return where what is held is carried to (7), above its place, turned as at `near` (7) where that is free."""
+    return moved(_last(state, step, library, near), RAISED)
+
+
 def _last(state: TaskState, step: Step, library: Sequence[Takeable], near: Array) -> Array:
     """Return where the tool is to let go (7), turned as at `near` (7) where the object looks the same all around."""
     goal = step.goal.copy()
