@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array, Ints
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 
 Depth = npt.NDArray[np.float32]
 
@@ -27,8 +27,24 @@ def points_with_normals(
         points: filled.
         normals: filled.
     """
+    _fill(depth, rays, (row, column), p_WC, jump, (np.empty(3), np.empty(3)), (points, normals))
+
+
+@compiled_in_place
+def _fill(
+    depth: Depth,
+    rays: Array,
+    pixels: tuple[Ints, Ints],
+    p_WC: Array,
+    jump: float,
+    room: tuple[Array, Array],
+    filled: tuple[Array, Array],
+) -> None:
+    """Do what `points_with_normals` does; `room`, twice (3,), is written over."""
+    row, column = pixels
+    points, normals = filled
     height, width = depth.shape
-    across, down = np.empty(3), np.empty(3)
+    across, down = room
     for k in range(row.shape[0]):
         r, c = row[k], column[k]
         _difference(depth, rays, (r, c), (r, min(c + 2, width - 1)), (r, max(c - 2, 0)), jump, across)
@@ -48,7 +64,7 @@ def points_with_normals(
         points[k, 0], points[k, 1], points[k, 2] = p_WC[0] - u, p_WC[1] - v, p_WC[2] - w
 
 
-@compiled
+@compiled_in_place
 def _difference(
     depth: Depth,
     rays: Array,

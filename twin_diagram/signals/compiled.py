@@ -34,7 +34,20 @@ def compiled(function: F) -> F:
     It may call compiled functions of other modules whose names end in `_kernels`. Sums are in the order of the source,
     so that results are the same on each run.
     """
-    options = {"nogil": True, "error_model": "numpy"}
+    return _compiled(function)
+
+
+def compiled_in_place(function: F) -> F:
+    """Compile a function as `compiled` does that makes no array and returns none: its rows of arrays cost nothing.
+
+    Elsewhere each row that is taken of an array is counted, atomically, when it is made and when it is left: in loops
+    over points that is a third of the time. Where it makes an array after all, or calls what does, it does not compile.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def _compiled(function: F, **more: bool) -> F:
+    options = {"nogil": True, "error_model": "numpy", **more}
     before = numba.config.CACHE_DIR
     try:
         # Numba notices that a function's own file has changed, not that one has which it calls.
@@ -55,7 +68,8 @@ def one_layout(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
 def kept_in() -> Path:
     """Return the folder for what was compiled from the package's kernels as they are: in the package, or the user's."""
     digest = hashlib.sha256()
-    for file in sorted(PACKAGE.rglob("*_kernels.py")):
+    # Numba's own key says nothing of the options, which stand here.
+    for file in [*sorted(PACKAGE.rglob("*_kernels.py")), Path(__file__)]:
         digest.update(file.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"
     own = PACKAGE / "__pycache__"

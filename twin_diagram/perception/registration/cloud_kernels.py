@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from twin_diagram.perception.registration.residual_kernels import screw_row, tukey_weight
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 
 Mask = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.int64]
@@ -57,7 +57,7 @@ class PairRules(NamedTuple):
     spacing: float
 
 
-@compiled
+@compiled_in_place
 def nearest_one(x: float, y: float, z: float, grid: PointGrid, reach: float) -> tuple[float, int]:
     """Return the distance to the nearest point and its number; infinity and -1 where none is within `reach`.
 
@@ -91,7 +91,7 @@ def nearest_one(x: float, y: float, z: float, grid: PointGrid, reach: float) -> 
     return np.sqrt(best), grid.order[found]
 
 
-@compiled
+@compiled_in_place
 def nearest(local: Array, grid: PointGrid, reach: float, distance: Array, index: Index) -> None:
     """Fill in the distance (N,) to the nearest point and its number (N,), as `nearest_one` does."""
     for k in range(local.shape[0]):
@@ -102,14 +102,21 @@ def nearest(local: Array, grid: PointGrid, reach: float, distance: Array, index:
 def within(points_W: Array, R: Array, p: Array, grid: PointGrid, reach: float) -> Mask:
     """Return which points (N, 3) in W lie within `reach` of a cloud at R (3, 3), p (3,)."""
     result = np.empty(points_W.shape[0], dtype=np.bool_)
-    local = np.empty(3)
-    for k in range(points_W.shape[0]):
-        into(points_W[k], R, p, local)
-        result[k] = nearest_one(local[0], local[1], local[2], grid, reach)[1] >= 0
+    _mark_within(points_W, R, p, grid, reach, np.empty(3), result)
     return result
 
 
-@compiled
+@compiled_in_place
+def _mark_within(
+    points_W: Array, R: Array, p: Array, grid: PointGrid, reach: float, local: Array, result: Mask
+) -> None:
+    """Write what `within` returns; local (3,) is written over."""
+    for k in range(points_W.shape[0]):
+        into(points_W[k], R, p, local)
+        result[k] = nearest_one(local[0], local[1], local[2], grid, reach)[1] >= 0
+
+
+@compiled_in_place
 def into(point: Array, R: Array, p: Array, local: Array) -> None:
     """Write a point (3,) in W as one of the object at R, p."""
     x, y, z = point[0] - p[0], point[1] - p[1], point[2] - p[2]
@@ -136,10 +143,25 @@ def mean_costs(
         cloud: the model's.
         cuts: reach [m]; how far aside nothing is meant by it [m]; deviation of an edge [m]; the largest deviation.
     """
+    result = np.zeros(R.shape[0])
+    _add_costs(points_W, (R, p), sigma, cloud, cuts, np.empty(3), result)
+    return result
+
+
+@compiled_in_place
+def _add_costs(
+    points_W: Array,
+    poses: tuple[Array, Array],
+    sigma: Array,
+    cloud: SurfaceCloud,
+    cuts: tuple[float, float, float, float],
+    local: Array,
+    result: Array,
+) -> None:
+    """Add what `mean_costs` returns; local (3,) is written over."""
+    R, p = poses
     reach, aside, edge, most = cuts
     points, normals = cloud.points, cloud.normals
-    result = np.zeros(R.shape[0])
-    local = np.empty(3)
     for b in range(R.shape[0]):
         for k in range(points_W.shape[0]):
             into(points_W[k], R[b], p[b], local)
@@ -155,7 +177,6 @@ def mean_costs(
                 beyond = max(slide - aside, 0.0) / edge
                 far = min(np.sqrt((along / sigma[k]) ** 2 + beyond * beyond), most)
             result[b] += 0.5 * far * far / points_W.shape[0]
-    return result
 
 
 @compiled
@@ -181,10 +202,27 @@ def opposite(
         pairs: J (N, 6), w (N,), n (N, 3) in W, filled; w is -1 where there is no pair.
         sums: H (6, 6), b (6,), added to.
     """
+    room = (np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3))
+    _add_pairs(points_W, pose, p_WC, cloud, reach, rules, pairs, sums, room)
+
+
+@compiled_in_place
+def _add_pairs(
+    points_W: Array,
+    pose: tuple[Array, Array],
+    p_WC: Array,
+    cloud: SurfaceCloud,
+    reach: float,
+    rules: PairRules,
+    pairs: tuple[Array, Array, Array],
+    sums: tuple[Array, Array],
+    room: tuple[Array, Array, Array, Array, Array],
+) -> None:
+    """Do what `opposite` does; `room`, five times (3,), is written over."""
     R, p = pose
     J, weight, normal_W = pairs
     points, normals = cloud.points, cloud.normals
-    local, seen, r, n, pull = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    local, seen, r, n, pull = room
     into(p_WC, R, p, seen)
     for k in range(points_W.shape[0]):
         weight[k] = -1.0
@@ -212,7 +250,7 @@ def opposite(
             _add_pull(r, pull, 1.0 - rules.spacing / slide, rules.share * w, sums)
 
 
-@compiled
+@compiled_in_place
 def _add_plane(r: Array, n: Array, along: float, w: float, J: Array, sums: tuple[Array, Array]) -> None:
     """Add the equations of one point-to-plane distance; write its Jacobian."""
     H, b = sums
@@ -223,7 +261,7 @@ def _add_plane(r: Array, n: Array, along: float, w: float, J: Array, sums: tuple
             H[i, j] += w * J[i] * J[j]
 
 
-@compiled
+@compiled_in_place
 def _add_pull(r: Array, pull: Array, share: float, w: float, sums: tuple[Array, Array]) -> None:
     """Add the equations that move a point r by `share` of `pull`: a turn a and a shift s move it by a x r + s."""
     H, b = sums

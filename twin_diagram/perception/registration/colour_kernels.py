@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 
 Image = npt.NDArray[np.float32]
 
 
-@compiled
+@compiled_in_place
 def sample(image: Image, x: float, y: float, out: Array) -> None:
     """Write what an image (h, w, 3) shows at (x, y), bilinear, its rim going on outside."""
     height, width = image.shape[:2]
@@ -62,7 +62,7 @@ def shared_out(blurred: Image, least: np.float32) -> Image:
     return out
 
 
-@compiled
+@compiled_in_place
 def solve(A: Array, b: Array) -> None:
     """Turn b (n,) into the solution of A x = b, A (n, n) being positive definite; both are written over."""
     n = b.shape[0]
@@ -112,8 +112,22 @@ def gains(found: Array, colour: Array, n: Array, weight: Array, even: Array) -> 
 def sloped_colours(image: Image, u: Array, v: Array, weight: Array, corner: tuple[float, float]) -> Array:
     """Return colours and their derivatives by u and v (B, P, 9) where `weight` (B, P) is not 0."""
     found = np.zeros((*weight.shape, 9))
+    _sample_all(image, (u, v, weight), corner, (np.empty(3), np.empty(3)), found)
+    return found
+
+
+@compiled_in_place
+def _sample_all(
+    image: Image,
+    places: tuple[Array, Array, Array],
+    corner: tuple[float, float],
+    room: tuple[Array, Array],
+    found: Array,
+) -> None:
+    """Write what `sloped_colours` returns where it is not 0; `room`, twice (3,), is written over."""
+    u, v, weight = places
     height, width = image.shape[:2]
-    more, less = np.empty(3), np.empty(3)
+    more, less = room
     for b in range(weight.shape[0]):
         for k in range(weight.shape[1]):
             if weight[b, k] == 0.0:
@@ -131,10 +145,9 @@ def sloped_colours(image: Image, u: Array, v: Array, weight: Array, corner: tupl
             sample(image, x, y - 1.0, less)
             for i in range(3):
                 out[6 + i] = 0.5 * (more[i] - less[i])
-    return found
 
 
-@compiled
+@compiled_in_place
 def _sample_sloped(image: Image, x: float, y: float, out: Array) -> None:
     """Write colours (3,) at (x, y) and their central differences by x and y, a pixel and more within an image."""
     column, line = int(x), int(y)

@@ -22,7 +22,7 @@ from twin_diagram.perception.registration.point_kernels import (
 )
 from twin_diagram.perception.registration.residual_kernels import tukey_weight
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 
 
 class PlaceCuts(NamedTuple):
@@ -79,6 +79,13 @@ def placed_weights(
         cuts: of what is in place.
     """
     weight = np.zeros(flags.shape)
+    _weigh_placed(told, flags, noise, cuts, weight)
+    return weight
+
+
+@compiled_in_place
+def _weigh_placed(told: Array, flags: npt.NDArray[np.uint8], noise: NoiseLaw, cuts: PlaceCuts, weight: Array) -> None:
+    """Write what `placed_weights` returns where it is not 0."""
     for b in range(flags.shape[0]):
         for k in range(flags.shape[1]):
             row = told[b, k]
@@ -87,7 +94,6 @@ def placed_weights(
                 sigma = np.sqrt(depth * depth + cuts.model_noise * cuts.model_noise)
                 if abs(row[DISTANCE]) < cuts.slack + cuts.deviations * sigma:
                     weight[b, k] = row[FACING]
-    return weight
 
 
 @compiled
@@ -104,10 +110,24 @@ def counts(
         gain: (B, P) brightness.
         cuts: a colour farther off is another thing's; cosine from which a point faces the camera.
     """
-    colour_cut, least_facing = cuts
     n = flags.shape[0]
     sums = FitSums(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
-    for b in range(n):
+    _count(told, flags, (weight, found, gain), cuts, sums)
+    return sums
+
+
+@compiled_in_place
+def _count(
+    told: Array,
+    flags: npt.NDArray[np.uint8],
+    compared: tuple[Array, Array, Array],
+    cuts: tuple[float, float],
+    sums: FitSums,
+) -> None:
+    """Add what `counts` returns."""
+    weight, found, gain = compared
+    colour_cut, least_facing = cuts
+    for b in range(flags.shape[0]):
         for k in range(flags.shape[1]):
             row, flag = told[b, k], flags[b, k]
             facing = row[FACING]
@@ -130,7 +150,6 @@ def counts(
                 sums.shown[b] += facing
             elif facing > least_facing and flag & (SEEN | ROBOT):
                 sums.lost[b] += facing
-    return sums
 
 
 @compiled

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 
 Mask = npt.NDArray[np.bool_]
 
@@ -95,7 +95,7 @@ class LookLimits(NamedTuple):
     buried: float
 
 
-@compiled
+@compiled_in_place
 def best_view(direction: Array, directions: Array) -> int:
     """Return the row of `directions` (D, 3) that is nearest to a direction (3,)."""
     best, most = 0, -np.inf
@@ -106,7 +106,7 @@ def best_view(direction: Array, directions: Array) -> int:
     return best
 
 
-@compiled
+@compiled_in_place
 def cell_at(u: float, v: float, height: int, width: int) -> tuple[int, int]:
     """Return row and column nearest to (u, v), clamped to a grid."""
     column = min(max(np.rint(u), 0.0), width - 1.0)
@@ -147,12 +147,29 @@ def look_up(
             for j in range(3):
                 towards[i] += (camera.p_WC[j] - p[b, j]) * R[b, j, i]
         view = best_view(towards, model.directions)
-        for k in range(count):
-            _look_up_point(R[b], p[b], model.rows[model.views[view, k]], camera, level, told[b, k])
-            flags[b, k] = _flags(told[b, k], p[b], images, camera, limits, k < model.counts[view])
+        _look_up_view((R[b], p[b]), model, view, (images, camera, limits), count, level, (told[b], flags[b]))
 
 
-@compiled
+@compiled_in_place
+def _look_up_view(
+    pose: tuple[Array, Array],
+    model: PointTable,
+    view: int,
+    looked: tuple[Images, LooksFrom, LookLimits],
+    count: int,
+    level: int,
+    filled: tuple[Array, npt.NDArray[np.uint8]],
+) -> None:
+    """Look up the points of a model's view, for one pose."""
+    R, p = pose
+    images, camera, limits = looked
+    told, flags = filled
+    for k in range(count):
+        _look_up_point(R, p, model.rows[model.views[view, k]], camera, level, told[k])
+        flags[k] = _flags(told[k], p, images, camera, limits, k < model.counts[view])
+
+
+@compiled_in_place
 def _look_up_point(R: Array, p: Array, point: Array, camera: LooksFrom, level: int, row: Array) -> None:
     """Write where a point (13,) of the model lies, in W and in the image."""
     R_WC, p_WC = camera.R_WC, camera.p_WC
@@ -172,7 +189,7 @@ def _look_up_point(R: Array, p: Array, point: Array, camera: LooksFrom, level: i
     row[Z] = ahead
 
 
-@compiled
+@compiled_in_place
 def _flags(
     row: Array,
     p: Array,

@@ -35,7 +35,7 @@ from twin_diagram.perception.registration.residual_kernels import (
     inward_normal,
 )
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 
 
 class ImageTerms(NamedTuple):
@@ -225,7 +225,7 @@ def refine_one(
             reach = max(sizes.narrow, 0.6 * reach)
 
 
-@compiled
+@compiled_in_place
 def smaller(turn: float, shift: float, bound: StepBound) -> bool:
     """Return whether a step is smaller than another, in turn and in shift."""
     return turn < bound.turn and shift < bound.shift
@@ -316,7 +316,7 @@ def add_prior(R: Array, p: Array, goal: tuple[Array, Array], prior: Array, H: Ar
         H[i, i] += prior[i]
 
 
-@compiled
+@compiled_in_place
 def move(R: Array, p: Array, step: Array, most_turn: float, most_shift: float) -> tuple[float, float]:
     """Turn and shift a pose in place, at most so far; return how far was asked for [rad], [m]."""
     turn = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)

@@ -26,7 +26,7 @@ from twin_diagram.perception.registration.point_kernels import (
     Z,
 )
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 
 
 class ColourSums(NamedTuple):
@@ -83,14 +83,14 @@ class OutlineCuts(NamedTuple):
     deviation: float
 
 
-@compiled
+@compiled_in_place
 def tukey_weight(residual: float, cut: float) -> float:
     """Return Tukey's weight: 1 at no residual, 0 from `cut` on."""
     left = 1.0 - (residual / cut) ** 2
     return left * left if left > 0.0 else 0.0
 
 
-@compiled
+@compiled_in_place
 def add_row(H: Array, J: Array, w: float) -> None:
     """Add w J Jᵀ to the upper half of H (6, 6)."""
     for i in range(6):
@@ -98,7 +98,7 @@ def add_row(H: Array, J: Array, w: float) -> None:
             H[i, j] += w * J[i] * J[j]
 
 
-@compiled
+@compiled_in_place
 def mirror(H: Array) -> None:
     """Copy the upper half of (6, 6) to the lower."""
     for i in range(6):
@@ -106,7 +106,7 @@ def mirror(H: Array) -> None:
             H[i, j] = H[j, i]
 
 
-@compiled
+@compiled_in_place
 def screw_row(r: Array, a: float, b: float, c: float, J: Array) -> None:
     """Write r x way and way (6,), the way being (a, b, c)."""
     J[0], J[1], J[2] = r[1] * c - r[2] * b, r[2] * a - r[0] * c, r[0] * b - r[1] * a
@@ -132,8 +132,21 @@ def depth_normal(
         H: (B, 6, 6), added to.
         b: (B, 6), added to.
     """
+    _add_depths(told, flags, noise, cuts, np.empty(6), H, b)
+
+
+@compiled_in_place
+def _add_depths(
+    told: Array,
+    flags: npt.NDArray[np.uint8],
+    noise: NoiseLaw,
+    cuts: tuple[float, float, float],
+    J: Array,
+    H: Array,
+    b: Array,
+) -> None:
+    """Do what `depth_normal` does; J (6,) is written over."""
     reach, deepest, model_noise = cuts
-    J = np.empty(6)
     for pose in range(told.shape[0]):
         for k in range(told.shape[1]):
             row = told[pose, k]
@@ -157,15 +170,21 @@ def colour_weights(told: Array, flags: npt.NDArray[np.uint8], cuts: tuple[float,
         flags: (B, P).
         cuts: how much deeper [m] and how far off [m] a point may be.
     """
-    deepest, farthest = cuts
     weight = np.zeros(flags.shape)
+    _weigh_colours(told, flags, cuts, weight)
+    return weight
+
+
+@compiled_in_place
+def _weigh_colours(told: Array, flags: npt.NDArray[np.uint8], cuts: tuple[float, float], weight: Array) -> None:
+    """Write what `colour_weights` returns where it is not 0."""
+    deepest, farthest = cuts
     for b in range(flags.shape[0]):
         for k in range(flags.shape[1]):
             row = told[b, k]
             if flags[b, k] & MATCHED and row[FACING] > 0.25 and abs(row[DEEPER]) < deepest:
                 if abs(row[DISTANCE]) < farthest:
                     weight[b, k] = row[FACING]
-    return weight
 
 
 @compiled
@@ -190,8 +209,22 @@ def colour_normal(
             squared slopes that noise makes [1/px²].
         sums: added to.
     """
+    _add_colours(told, (found, weight, gain), camera, cuts, (np.empty(6), np.empty(6)), sums)
+
+
+@compiled_in_place
+def _add_colours(
+    told: Array,
+    looked: tuple[Array, Array, Array],
+    camera: LooksFrom,
+    cuts: tuple[float, float, float],
+    rows: tuple[Array, Array],
+    sums: ColourSums,
+) -> None:
+    """Do what `colour_normal` does; both rows (6,) are written over."""
+    found, weight, gain = looked
     cut, steeper, noise_slopes = cuts
-    A_u, A_v = np.empty(6), np.empty(6)
+    A_u, A_v = rows
     for b in range(weight.shape[0]):
         for k in range(weight.shape[1]):
             if weight[b, k] == 0.0:
@@ -213,7 +246,7 @@ def colour_normal(
         mirror(sums.H[b])
 
 
-@compiled
+@compiled_in_place
 def _pixel_rows(row: Array, camera: LooksFrom, A_u: Array, A_v: Array) -> None:
     """Write by how much a pose's steps (6,) move a point's pixel to the right and down [px]."""
     R_WC = camera.R_WC
@@ -224,7 +257,7 @@ def _pixel_rows(row: Array, camera: LooksFrom, A_u: Array, A_v: Array) -> None:
     screw_row(row, (R_WC[0, 1] - y * a) * t, (R_WC[1, 1] - y * b) * t, (R_WC[2, 1] - y * c) * t, A_v)
 
 
-@compiled
+@compiled_in_place
 def _add_colour(
     A_u: Array,
     A_v: Array,
@@ -272,8 +305,22 @@ def inward_normal(
         H: (B, 6, 6), added to.
         b: (B, 6), added to.
     """
+    _add_outline(told, flags, outline, camera, cuts, np.empty(6), H, b)
+
+
+@compiled_in_place
+def _add_outline(
+    told: Array,
+    flags: npt.NDArray[np.uint8],
+    outline: OutlineCells,
+    camera: LooksFrom,
+    cuts: OutlineCuts,
+    J: Array,
+    H: Array,
+    b: Array,
+) -> None:
+    """Do what `inward_normal` does; J (6,) is written over."""
     away, stride, R_WC = outline.away, outline.stride, camera.R_WC
-    J = np.empty(6)
     for pose in range(told.shape[0]):
         for k in range(told.shape[1]):
             row = told[pose, k]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twin_diagram.signals.arrays import Array, Ints
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 
 
 class Solids(NamedTuple):
@@ -155,12 +155,31 @@ def near_bodies(
         (N, B, K) distances [m], infinite beyond reach; (N, B, K) the balls; (N, B, K, 3) unit normals, away from the
         body, in its frame.
     """
-    count, bodies, parts = len(balls.centres), len(present), len(balls.reaches)
+    count, bodies = len(balls.centres), len(present)
     best = np.full((count, bodies, balls.kinds), np.inf)
     which = np.zeros((count, bodies, balls.kinds), np.int64)
     normals = np.zeros((count, bodies, balls.kinds, 3))
-    slack, found = 1e-9, np.empty(4)
-    for row in range(count):
+    room = (np.empty(4), np.empty(4))
+    _find_near(balls, solids, X_WO, grown, present, reach, room, (best, which, normals))
+    return best, which, normals
+
+
+@compiled_in_place
+def _find_near(
+    balls: PlacedBalls,
+    solids: Solids,
+    X_WO: Array,
+    grown: Array,
+    present: Array,
+    reach: Array,
+    room: tuple[Array, Array],
+    result: tuple[Array, Ints, Array],
+) -> None:
+    """Write what `near_bodies` returns where something is within reach; `room`, twice (4,), is written over."""
+    best, which, normals = result
+    bodies, parts = len(present), len(balls.reaches)
+    slack, found = 1e-9, room[0]
+    for row in range(len(balls.centres)):
         for b in range(bodies):
             if not present[b]:
                 continue
@@ -186,15 +205,14 @@ def near_bodies(
                         continue
                     size = balls.radii[s] + more
                     before = near
-                    near = _look(solids, b, X, balls.centres[row, s], size, near, found)
+                    near = _look(solids, b, X, balls.centres[row, s], size, near, room)
                     if near < before:
                         best[row, b, k], which[row, b, k] = near, s
                         for i in range(3):
                             normals[row, b, k, i] = found[1 + i]
-    return best, which, normals
 
 
-@compiled
+@compiled_in_place
 def _to_body(solids: Solids, b: int, X: Array, p: Array) -> float:
     """Return what the distance of a point of W to a body is never below: that to a box about it."""
     x, y, z = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
@@ -207,17 +225,16 @@ def _to_body(solids: Solids, b: int, X: Array, p: Array) -> float:
     )
 
 
-@compiled
-def _look(solids: Solids, b: int, X: Array, p: Array, size: float, near: float, found: Array) -> float:
-    """Return the distance of a ball from a body where it is below `near`, else that; fills in `found[1:]`."""
-    slack = 1e-9
+@compiled_in_place
+def _look(solids: Solids, b: int, X: Array, p: Array, size: float, near: float, room: tuple[Array, Array]) -> float:
+    """Return the distance of a ball from a body where it is below `near`, else that; fills in `room[0][1:]`."""
+    slack, found, trial = 1e-9, room[0], room[1]
     if _to_body(solids, b, X, p) - size > near + slack:
         return near
     x, y, z = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
     px = X[0, 0] * x + X[1, 0] * y + X[2, 0] * z
     py = X[0, 1] * x + X[1, 1] * y + X[2, 1] * z
     pz = X[0, 2] * x + X[1, 2] * y + X[2, 2] * z
-    trial = np.empty(4)
     for solid in range(solids.first[b], solids.first[b + 1]):
         m, h, R = solids.middle[solid], solids.half[solid], solids.R[solid]
         x, y, z = px - m[0], py - m[1], pz - m[2]
@@ -237,11 +254,12 @@ def _look(solids: Solids, b: int, X: Array, p: Array, size: float, near: float, 
             continue
         if trial[0] - size < near:
             near = trial[0] - size
-            found[:] = trial
+            for i in range(4):
+                found[i] = trial[i]
     return near
 
 
-@compiled
+@compiled_in_place
 def _to_box(x: float, y: float, z: float, half: Array) -> float:
     """Return the signed distance of a point in a box's axes, from its middle."""
     x, y, z = abs(x) - half[0], abs(y) - half[1], abs(z) - half[2]
@@ -252,7 +270,7 @@ def _to_box(x: float, y: float, z: float, half: Array) -> float:
     return np.sqrt(x * x + y * y + z * z)
 
 
-@compiled
+@compiled_in_place
 def _box(x: float, y: float, z: float, half: Array, R: Array, found: Array) -> None:
     """Fill in distance and outward normal of a point in a box's axes."""
     ex, ey, ez = abs(x) - half[0], abs(y) - half[1], abs(z) - half[2]
@@ -279,7 +297,7 @@ def _box(x: float, y: float, z: float, half: Array, R: Array, found: Array) -> N
         found[1 + i] = R[i, 0] * sx + R[i, 1] * sy + R[i, 2] * sz
 
 
-@compiled
+@compiled_in_place
 def _ball(x: float, y: float, z: float, size: float, found: Array) -> None:
     d = np.sqrt(x * x + y * y + z * z)
     found[0] = d - size
@@ -289,7 +307,7 @@ def _ball(x: float, y: float, z: float, size: float, found: Array) -> None:
         found[1], found[2], found[3] = 0.0, 0.0, 1.0
 
 
-@compiled
+@compiled_in_place
 def _drum(x: float, y: float, z: float, axis: Array, size: float, half: float, found: Array) -> None:
     height = x * axis[0] + y * axis[1] + z * axis[2]
     x, y, z = x - height * axis[0], y - height * axis[1], z - height * axis[2]
@@ -310,7 +328,7 @@ def _drum(x: float, y: float, z: float, axis: Array, size: float, half: float, f
     found[1], found[2], found[3] = out * x + up * axis[0], out * y + up * axis[1], out * z + up * axis[2]
 
 
-@compiled
+@compiled_in_place
 def _polytope(x: float, y: float, z: float, solids: Solids, which: int, below: float, found: Array) -> bool:
     """Fill in distance and outward normal of a point; False where the distance is `below` or more.
 
@@ -349,7 +367,7 @@ def _polytope(x: float, y: float, z: float, solids: Solids, which: int, below: f
     return True
 
 
-@compiled
+@compiled_in_place
 def _above(x: float, y: float, z: float, solids: Solids, face: int) -> bool:
     """Return whether a point lies within the sides of a face."""
     sides = solids.sides

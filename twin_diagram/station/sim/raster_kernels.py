@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array, Ints
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 
 Floats32 = npt.NDArray[np.float32]
 Ints32 = npt.NDArray[np.int32]
@@ -22,11 +22,17 @@ Bytes = npt.NDArray[np.uint8]
 def moved(points: Array, frame: Ints, R: Array, p: Array) -> Array:
     """Return points (V, 3) of frames (V,), each of which is turned by R (B, 3, 3) and shifted by p (B, 3)."""
     result = np.empty_like(points)
+    _move(points, frame, R, p, result)
+    return result
+
+
+@compiled_in_place
+def _move(points: Array, frame: Ints, R: Array, p: Array, result: Array) -> None:
+    """Write what `moved` returns."""
     for k in range(len(points)):
         turn, shift, x, y, z = R[frame[k]], p[frame[k]], points[k, 0], points[k, 1], points[k, 2]
         for i in range(3):
             result[k, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z + shift[i]
-    return result
 
 
 @compiled
@@ -48,7 +54,7 @@ def lit(normals: Array, lights: Array) -> Array:
     return result
 
 
-@compiled
+@compiled_in_place
 def planes(corners: Array, values: Array, plane: Array) -> bool:
     """Write the rows A (K, 3) of values (3, K) at a triangle's corners (3, 3), and say whether it can be seen.
 
@@ -77,7 +83,7 @@ def planes(corners: Array, values: Array, plane: Array) -> bool:
     return True
 
 
-@compiled
+@compiled_in_place
 def clipped(corners: Array, near: float, polygon: Array) -> int:
     """Write what of a triangle (3, 3) is farther than `near`, as up to 4 corners (4, ≥ 3); return how many."""
     count = 0
@@ -98,7 +104,7 @@ def clipped(corners: Array, near: float, polygon: Array) -> int:
     return count
 
 
-@compiled
+@compiled_in_place
 def fill(
     polygon: Array, M: Array, number: int, lens: Array, samples: Array, edges: Array, nearest: Floats32, who: Ints32
 ) -> None:
@@ -169,9 +175,18 @@ def draw(
         nearest: (S, H, W) written.
         who: (S, H, W) written.
     """
+    room = (np.empty((3, 3)), np.empty((4, 5)), np.empty((1, 3)), np.ones((3, 1)), np.empty((4, 4)))
+    _draw_all(points, faces, closed, lens, near, samples, nearest, who, room)
+
+
+@compiled_in_place
+def _draw_all(
+    points: Array, faces: Ints, closed: npt.NDArray[np.bool_], lens: Array, near: float, samples: Array,
+    nearest: Floats32, who: Ints32, room: tuple[Array, Array, Array, Array, Array],
+) -> None:  # fmt: skip
+    """Do what `draw` does; `room` is written over, but for its ones."""
     height, width = nearest.shape[1:]
-    edges = np.empty((4, 4))
-    corners, polygon, M, ones = np.empty((3, 3)), np.empty((4, 5)), np.empty((1, 3)), np.ones((3, 1))
+    corners, polygon, M, ones, edges = room
     for f in range(len(faces)):
         far = -np.inf
         for i in range(3):
@@ -192,7 +207,7 @@ def draw(
         fill(polygon[:count], M[0], f, lens, samples, edges, nearest, who)
 
 
-@compiled
+@compiled_in_place
 def behind(corners: Array) -> bool:
     """Return whether a triangle (3, 3) in the camera's frame turns its back on the camera."""
     a, b, c = corners[0], corners[1], corners[2]

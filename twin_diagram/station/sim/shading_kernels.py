@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array, Ints
-from twin_diagram.signals.compiled import compiled
+from twin_diagram.signals.compiled import compiled, compiled_in_place
 from twin_diagram.station.sim.raster_kernels import behind, planes
 
 Ints32 = npt.NDArray[np.int32]
@@ -19,7 +19,7 @@ def wrapped(place: int, size: int) -> int:
     return place if 0 <= place < size else place % size
 
 
-@compiled
+@compiled_in_place
 def texel(texels: Bytes, start: int, width: int, height: int, u: float, v: float, colour: Array) -> None:
     """Write a texture's colour (3,) between its texels, at u, v in 0 … 1, which go on beyond as they began."""
     x, y = u * width - 0.5, (1.0 - v) * height - 0.5
@@ -35,7 +35,7 @@ def texel(texels: Bytes, start: int, width: int, height: int, u: float, v: float
         colour[i] = above * (1.0 - fy) + below * fy
 
 
-@compiled
+@compiled_in_place
 def plane_of(f: int, points: Array, faces: Ints, light: Array, uv: Array, work: Array, plane: Array) -> bool:
     """Write a triangle's rows (4, 3) of 1 / z, light, u and v; return whether it is alike bright all over.
 
@@ -61,7 +61,7 @@ def plane_of(f: int, points: Array, faces: Ints, light: Array, uv: Array, work: 
     return bool(abs(values[0, 1] - values[1, 1]) + abs(values[0, 1] - values[2, 1]) < 1e-3)
 
 
-@compiled
+@compiled_in_place
 def colour_of(P: Array, x: float, y: float, base: Array, texture: Ints, texels: Bytes, colour: Array) -> None:
     """Write the colour (3,) of a triangle along (x, y, 1), whole numbers from 0 to 255.
 
@@ -107,13 +107,24 @@ def shade(
         background: (3,) 0 to 255.
         image: (H, W, 4) written.
     """
-    samples, height, width = who.shape
-    rows, work, colour, total = np.empty((len(faces), 4, 3)), np.empty((6, 4)), np.empty(3), np.empty(3)
     # Of each triangle, after the sky: 0, not yet met; 1, one colour all over, which is kept; 2, not.
     kind, kept = np.zeros(len(faces) + 1, dtype=np.uint8), np.full((len(faces) + 1, 4), 255, dtype=np.uint8)
     kind[0] = 1
     for i in range(3):
         kept[0, i] = np.uint8(background[i] + 0.5)
+    room = (np.empty((len(faces), 4, 3)), np.empty((6, 4)), np.empty(3), np.empty(3))
+    _shade_all(who, points, faces, light, uv, base, texture, texels, lens, (kind, kept), room, image)
+
+
+@compiled_in_place
+def _shade_all(
+    who: Ints32, points: Array, faces: Ints, light: Array, uv: Array, base: Array, texture: Ints, texels: Bytes,
+    lens: Array, met: tuple[Bytes, Bytes], room: tuple[Array, Array, Array, Array], image: Bytes,
+) -> None:  # fmt: skip
+    """Do what `shade` does; `met`: kind and colour of each triangle, the sky's first; `room` is written over."""
+    samples, height, width = who.shape
+    kind, kept = met
+    rows, work, colour, total = room
     for row in range(height):
         y = (row - lens[3]) / lens[1]
         for column in range(width):
