@@ -391,6 +391,22 @@ def test_a_push_is_at_the_links_origin_wherever_its_joint_is(tmp_path: Path) -> 
         assert disagreement(terms, candidate, c) < 1e-6
 
 
+def test_a_force_at_a_point_of_a_link_and_how_that_point_moves() -> None:
+    terms, body, point, force = swinging(), 3, np.array([0.1, -0.2, 0.05]), np.array([10.0, -20.0, 30.0])
+    wrench, R_WL = external_force.external_forces(terms)[2 * body + 1], external_force.turned(terms, body)
+    there = external_force.force_at(wrench, R_WL, point)
+    np.testing.assert_array_equal(told(there, force)["point"], point)
+    assert disagreement(terms, there, list(force)) < 2e-3  # what is low-passed is turned as if nothing turned meanwhile
+    both = external_force.with_its_point(wrench, R_WL, point, force, 0.3)
+    step = np.array([0.01, 0.02, -0.03])
+    moved = external_force.force_at(wrench, R_WL, point + step).columns @ force
+    np.testing.assert_allclose(both.columns @ np.concatenate([force, step]), moved, atol=1e-9)
+    errors = np.arange(1.0, 7.0)
+    wider = external_force.placed(there, errors).parameters(force, np.diag([4.0, 1.0, 1.0]))
+    np.testing.assert_allclose(wider["wrench"][1], [2.0, 2.0, 3.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(wider["point"][1], errors[3:])
+
+
 def test_a_payload_is_put_down_as_it_was_picked_up() -> None:
     here = {"mass": [2.0], "com": [0.1, 0.0, 0.0]}
     less = {"mass": [-0.5], "com": [0.0, 0.2, 0.0]}

@@ -19,6 +19,7 @@ from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import physical_fit
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
 from twin_diagram.gap.whole_robot.concluding import confidences, of_offsets, own_units, what_each_brings
+from twin_diagram.gap.whole_robot.estimates import covariance
 from twin_diagram.gap.whole_robot.evident import evident
 from twin_diagram.gap.whole_robot.explain import begun, concluded, rather, settled, settled_beside
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
@@ -254,6 +255,27 @@ def test_a_push_is_found_with_its_link_wrench_and_times_and_in_nothing_none() ->
     np.testing.assert_allclose(wrench[:3], [20.0, -10.0, 15.0], atol=3.0)
     calm = problem()
     assert not pushes(calm, solve(calm), terms_of(calm.sums, ARM))
+
+
+@pytest.mark.parametrize(
+    ("link", "point", "force"),
+    [
+        ("forearm_link", [-0.28, -0.01, -0.04], [26.6, -13.0, 6.8]),
+        ("wrist_2_link", [0.13, 0.09, -0.15], [-17.0, -1.6, -9.1]),
+        ("wrist_3_link", [-0.07, -0.14, -0.15], [-12.2, 8.3, 29.8]),
+    ],
+)
+def test_a_push_at_another_point_of_a_link_is_found_there(link: str, point: list[float], force: list[float]) -> None:
+    """It passed for one at the origin of a link beside it."""
+    values = {"wrench": [*force, 0.0, 0.0, 0.0], "point": point}
+    start = problem(make(EffectSpec("external_force", links=[link], parameters=values, onset=3.0, end=6.0)))
+    (push,) = pushes(start, solve(start), terms_of(start.sums, ARM))
+    assert push.links == (link,)
+    beside = with_candidate(start, push, 5)
+    z = solve(beside)
+    told = push.parameters(z[beside.place(0)], covariance(beside, z)[beside.place(0), beside.place(0)])
+    assert np.all(np.abs(told["point"][0] - point) < np.maximum(3.0 * told["point"][1], 0.01))
+    assert np.all(np.abs(told["wrench"][0][:3] - force) < 3.0 * told["wrench"][1][:3])
 
 
 def test_a_burst_that_is_over_at_once_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from twin_diagram.gap.candidates.candidate import Candidate, transformed
+from twin_diagram.gap.candidates.candidate import Candidate, Values, transformed
 from twin_diagram.gap.candidates.given_link import link_inertia
 from twin_diagram.gap.candidates.merging import beside
 from twin_diagram.gap.candidates.records import EffectRecord, Wakes, register
@@ -26,6 +26,12 @@ class Tuning:
 
     places: float = 2.0
     """Places on a link at which a force is looked for: its origin, and its centre of mass, at which simulators push."""
+
+    near: float = 0.35
+    """Share of the arm's length within which a force acts about its link's origin: as a payload's centre."""
+
+    steps: int = 6
+    """Of Gauss and Newton from that origin to the point where a force acts."""
 
 
 TUNING = Tuning()
@@ -56,6 +62,59 @@ def forces_at_centres(terms: Terms) -> list[Candidate]:
             force = _force(_wrench(terms, body, centre), centre)
             result.append(replace(force, cost=float(np.log(TUNING.places))))
     return result
+
+
+def turned(terms: Terms, body: int) -> Array:
+    """Return (N, 3, 3) how a body's link is turned in the world at the samples that are left."""
+    model = terms.records.model
+    R_ML = model.bodies.body_of(model.tree.link[body])[1].rotation().matrix()
+    motions = (Kinematics.of(model.tree, terms.records.angles(r)[r.kept].T) for r in terms.records.records)
+    return np.concatenate([np.einsum("abn,bc->nac", motion.R[:, :, body], R_ML) for motion in motions])
+
+
+def force_at(wrench: Candidate, R_WL: Array, point: Array) -> Candidate:
+    """Return a constant force at a point of a link, world axes.
+
+    Args:
+        wrench: at the link's origin.
+        R_WL: (N, 3, 3) see `turned`.
+        point: (3,) in the link's frame [m].
+    """
+    arms = np.cross((R_WL @ point)[:, None], np.eye(3))
+    columns = wrench.columns[..., :3] + np.einsum("njm,nkm->njk", wrench.columns[..., 3:], arms)
+    return _force(replace(wrench, columns=np.concatenate([columns, columns], axis=2)), point)
+
+
+def with_its_point(wrench: Candidate, R_WL: Array, point: Array, force: Array, far: float) -> Candidate:
+    """Return a force at a point of a link, and how that point moves: six coefficients, for Gauss-Newton steps.
+
+    Args:
+        wrench: at the link's origin.
+        R_WL: (N, 3, 3) see `turned`.
+        point: (3,) in the link's frame [m].
+        force: (3,) that acts there, world axes [N]: as the link turns, so does its lever.
+        far: by which the point may move, one standard deviation [m].
+    """
+    moved = np.einsum("njm,nim->nji", wrench.columns[..., 3:], np.cross(R_WL.transpose(0, 2, 1), force))
+    columns = np.concatenate([force_at(wrench, R_WL, point).columns, moved], axis=2)
+    return replace(wrench, columns=columns, spread=np.concatenate([wrench.spread[:3], np.full(3, far)]))
+
+
+def near(terms: Terms) -> float:
+    """Return how far from its link's origin a force may act [m]."""
+    return TUNING.near * reach(terms)
+
+
+def placed(force: Candidate, errors: Array) -> Candidate:
+    """Return a force whose point was found, too, with the errors (6,) that force and point have beside each other."""
+
+    def parameters(c: Array, covariance: Array) -> Values:
+        told = force.parameters(c, covariance)
+        (wrench, std), (point, _) = told["wrench"], told["point"]
+        wider = np.concatenate([np.maximum(std[:3], errors[:3]), std[3:]])
+        return {**told, "wrench": (wrench, wider), "point": (point, errors[3:])}
+
+    return replace(force, parameters=parameters)
 
 
 def _wrench(terms: Terms, body: int, point: Array) -> Candidate:

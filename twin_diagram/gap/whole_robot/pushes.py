@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate
-from twin_diagram.gap.candidates.external_force import external_forces
+from twin_diagram.gap.candidates.external_force import TUNING as EXTERNAL
+from twin_diagram.gap.candidates.external_force import external_forces, force_at, near, placed, turned, with_its_point
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
@@ -73,6 +74,9 @@ class Tuning:
     nothing: float = 1e-30
     """Sum of squares below which a joint has nothing left: one that never moves, say [N²·m²]."""
 
+    point: float = 6.0
+    """What a force's point on a link costs [nats]: two numbers, each as dear as a moment."""
+
     rounds: int = 2
     """Times that the span is looked for: with the noise that is left without, then with that beside the best one."""
 
@@ -80,6 +84,11 @@ class Tuning:
 TUNING = Tuning()
 
 Pairs = npt.NDArray[np.int64]
+
+Moment = tuple[int, float] | None
+"""Log and time [s]; None: its begin or end."""
+
+Moments = tuple[Moment, Moment]
 
 
 def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
@@ -160,8 +169,40 @@ def on_the_innermost(problem: RobotProblem, z: Array, terms: Terms, push: Candid
         push: as it was found.
     """
     span = push.onset, push.end
-    tried = [_Tried.of(problem, z, _during(terms, wrench, *span)) for wrench in external_forces(terms)]
-    return _innermost(tried).candidate
+    wrenches = external_forces(terms)
+    tried = [_Tried.of(problem, z, _during(terms, wrench, *span)) for wrench in wrenches]
+    plain = _innermost(tried)
+    points = [_at_its_point(problem, z, terms, wrench, span) for wrench in wrenches if wrench.size == 6]
+    there = [one for one in points if one is not None and one.told]
+    if not there or max(one.score for one in there) <= max(one.score for one in tried) + TUNING.alike:
+        return plain.candidate
+    return _innermost(there).candidate
+
+
+def _at_its_point(problem: RobotProblem, z: Array, terms: Terms, wrench: Candidate, span: Moments) -> _Tried | None:
+    """Return a force over a span at the point of a link that suits it best; None where that is not near the link.
+
+    Args:
+        problem: of what is there beside it, without it.
+        z: (Z,) its coordinates.
+        terms: of the same samples.
+        wrench: at the link's origin, always.
+        span: when it acts.
+    """
+    R_WL, far = turned(terms, terms.records.model.tree.link.index(wrench.links[0])), near(terms)
+    at, force = np.zeros(3), np.zeros(3)
+    for _ in range(EXTERNAL.steps):
+        both = _during(terms, with_its_point(wrench, R_WL, at, force, far), *span)
+        beside = replace(problem, sums=problem.sums.with_further([*problem.sums.further, both]))
+        fitted = solve(beside, None, np.concatenate([z, np.zeros(6)]))
+        force, step = np.split(fitted[-6:], 2)
+        at = at + step
+        if np.linalg.norm(at) > far:
+            return None
+    errors = np.sqrt(np.diag(estimates.covariance(with_noise(beside, fitted), fitted))[-6:])
+    made = placed(_during(terms, force_at(wrench, R_WL, at), *span), errors)
+    one = _Tried.of(problem, z, replace(made, cost=made.cost + TUNING.point))
+    return replace(one, score=one.score - TUNING.point)
 
 
 @dataclass(frozen=True)
@@ -224,9 +265,6 @@ def _innermost(tried: Sequence[_Tried]) -> _Tried:
         tried, top = several, max(one.score for one in several)
     return next(one for one in tried if one.score >= top - TUNING.alike)
 
-
-Moment = tuple[int, float] | None
-"""Log and time [s]; None: its begin or end."""
 
 Span = tuple[float, Candidate, int, int]
 """Rise of the evidence, wrench, and samples from which and until which it acts."""
