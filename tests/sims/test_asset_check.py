@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,14 @@ def test_a_centre_that_is_off_shows_in_the_swing() -> None:
 def test_what_falls_a_centimetre_stays_on_its_face() -> None:
     X = fallen(TRUE, TASK)
     assert (X[:3, :3] @ TASK.R_WO.T)[2, 2] > 0.999 and np.linalg.norm(X[:2, 3]) < 0.005
+
+
+def test_uneven_feet_tell_how_much_a_push_tells() -> None:
+    """They leave a box where it stands, and are the same ones each time."""
+    uneven = replace(TRUE, uneven=1e-4)
+    X = fallen(uneven, TASK)
+    assert (X != fallen(TRUE, TASK)).any() and (X == fallen(uneven, TASK)).all()
+    assert (X[:3, :3] @ TASK.R_WO.T)[2, 2] > 0.999
 
 
 @pytest.mark.slow

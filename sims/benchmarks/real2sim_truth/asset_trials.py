@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from pydrake.geometry import Box, ProximityProperties, Sphere
+from pydrake.geometry import Box, ProximityProperties, SceneGraph, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import (
@@ -90,11 +90,13 @@ class Subject:
         folder: of its asset.
         X_OA: (4, 4) of its frame in that of the true object, in which both are told what to do.
         inertia: mass, centre and inertia about it in its own frame, where its file does not say them; None: it does.
+        uneven: standard deviation of its feet's radii about what its file says [m], which tells how much a trial tells.
     """
 
     folder: Path
     X_OA: Array
     inertia: tuple[float, Array, Array] | None = None
+    uneven: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -254,6 +256,7 @@ def _run(
         fittings(plant, driven)
     plant.Finalize()
     rub(plant, scene_graph, body, friction)
+    _wear(plant, scene_graph, body, subject.uneven)
     diagram = builder.Build()
     root = diagram.CreateDefaultContext()
     context = plant.GetMyMutableContextFromRoot(root)
@@ -286,6 +289,16 @@ def _weigh(plant: MultibodyPlant, context: Context, body: RigidBody, subject: Su
         unit = UnitInertia(about[0, 0], about[1, 1], about[2, 2], about[0, 1], about[0, 2], about[1, 2])
         moved = SpatialInertia(mass, centre, unit.ShiftFromCenterOfMass(-centre))
         body.SetSpatialInertiaInBodyFrame(context, moved)
+
+
+def _wear(plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody, uneven: float) -> None:
+    """Change the radii of a body's feet by a standard deviation [m]."""
+    rng = np.random.default_rng(0)
+    for shape in plant.GetCollisionGeometriesForBody(body) if uneven > 0.0 else ():
+        foot = scene_graph.model_inspector().GetShape(shape)
+        if isinstance(foot, Sphere):
+            radius = foot.radius() + uneven * float(rng.standard_normal())
+            scene_graph.ChangeShape(plant.get_source_id(), shape, Sphere(radius))
 
 
 def _offset(name: str, frame: Frame, X: RigidTransform) -> FixedOffsetFrame:

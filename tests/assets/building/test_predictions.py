@@ -13,7 +13,7 @@ from twin_diagram.assets.building import cube_faces, levelling
 from twin_diagram.assets.building.cube_outline import outlined_edges
 from twin_diagram.assets.building.cube_scale import Cube, is_green
 from twin_diagram.assets.building.depth_view import make_view, view_points
-from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, without, without_hand
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, without, without_hand, without_remains
 from twin_diagram.assets.building.levelling import levelled
 from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.errors import FramesError
@@ -158,6 +158,20 @@ def test_where_a_hand_was_nothing_of_what_it_held_is_but_for_a_thin_layer() -> N
     assert cut[:, 5, 5] == pytest.approx([-0.012, -0.002, *[0.008] * 3, -0.002, -0.012, *[-0.02] * 4], abs=1e-6)
     assert cut[3, 4:7, 5] == pytest.approx([-0.002, 0.008, -0.002], abs=1e-6)
     assert cut[3, 5, 3:8] == pytest.approx([-0.002, 0.008, 0.008, 0.008, -0.002], abs=1e-6)
+
+
+def test_a_corner_beside_the_hand_that_nobody_saw_is_nothing_of_what_it_held() -> None:
+    """While a wall as thin that was seen stays, and all of an inside that was not."""
+    grid = FusionGrid(np.zeros(3), 0.001, (20, 20, 20))
+    distance = np.full(grid.shape, 0.003, np.float32)
+    distance[2:12, 2:18, 2:18] = -0.003
+    distance[12:18, 4:6, 4:7] = -0.003  # beside the hand
+    distance[12:18, 2:18, 14:16] = -0.003  # a wall
+    known = distance > 0.0
+    known[12:18, :, 14:16] = True
+    left = without_remains(DistanceField(grid, distance, np.zeros_like(distance), known)).distance < 0.0
+    assert left[2:12, 2:18, 2:18].all() and left[12:18, 2:18, 14:16].all()
+    assert not left[12:18, 4:6, 4:7].any()
 
 
 def test_what_stands_beside_is_no_surface_and_ends_rays(taken: Shots) -> None:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.depth_view import DepthView, Map
@@ -164,6 +165,19 @@ def without_hand(field: DistanceField, hand: Boxes, within: float) -> DistanceFi
     for low, high in zip(hand.low, hand.high, strict=True):
         field = _less(field, points - 0.5 * (low + high), 0.5 * (high - low) - within)
     return field
+
+
+def without_remains(field: DistanceField) -> DistanceField:
+    """Return a field less what no view told anything of and is thinner than an inside that none can tell of.
+
+    Views tell of the first voxels below what they see: where they tell nothing, those around are inside, too. What is
+    not so is a corner beside a hand's boxes into which nobody could look in any grasp.
+    """
+    radius = round(TUNING.behind)
+    ball = np.linalg.norm(np.indices((2 * radius + 1,) * 3) - radius, axis=0) < radius
+    solid = field.distance < 0.0
+    gone = solid & ~field.known & ~ndimage.binary_opening(solid, ball)
+    return replace(field, distance=np.where(gone, np.float32(0.5 * field.grid.voxel), field.distance))
 
 
 def _less(field: DistanceField, points: Array, half: Array) -> DistanceField:

@@ -15,7 +15,7 @@ from twin_diagram.assets.building.contradictions import agreeing, check_agreemen
 from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.decimation import decimated, enclosed_volume
 from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
-from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse, without, without_hand
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse, without, without_hand, without_remains
 from twin_diagram.assets.building.iso_surface import zero_surface
 from twin_diagram.assets.building.lasting_error import lasting_error
 from twin_diagram.assets.building.looking_past import check_unseen
@@ -164,6 +164,8 @@ def reconstruct(
         fused = without(fused, beside)
     for hand in hands:
         fused = without_hand(fused, hand, TUNING.hand_within)
+    if hands:
+        fused = without_remains(fused)
     vertices, faces = _one_surface(fused, where)
     vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
     vertices, faces = decimated(vertices, faces, TUNING.faces)
