@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -74,6 +75,12 @@ def edited(old: str, new: str) -> Callable[[Path], None]:
     return edit
 
 
+def in_millimetres(file: Path) -> None:
+    said = re.search(r"size: \[(.*)\]", file.read_text())
+    assert said is not None
+    edited(said[1], ", ".join(str(1000 * float(number)) for number in said[1].split(",")))(file)
+
+
 @pytest.mark.parametrize(
     ("file", "spoil", "words"),
     [
@@ -83,6 +90,7 @@ def edited(old: str, new: str) -> Callable[[Path], None]:
         ("pieces/piece0.obj", Path.unlink, ["piece0.obj", "missing"]),
         ("model.sdf", edited("<mass>0.5", "<mass>0.6"), ["model.sdf"]),
         ("asset.yaml", edited("mass: 0.5", "mass: -1.0"), ["asset.yaml", "-1"]),
+        ("asset.yaml", lambda file: in_millimetres(file), ["cloud.npz", "metres"]),
         ("asset.yaml", edited("version: 1", "version: 7"), ["version 7"]),
         ("asset.yaml", edited("name: box", "nmae: box"), ["asset.yaml", "nmae"]),
         ("asset.yaml", truncated, ["box"]),
