@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
-from twin_diagram.assets import Asset
+from twin_diagram.assets import Asset, same_thing
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.library import entries
 from twin_diagram.errors import AssetError, FramesError
@@ -212,6 +212,8 @@ def _library(library: Path, say: Callable[[str], None], grow: Path | None) -> tu
         )
     if len(set(numbers.values())) < len(numbers):
         raise AssetError(f"{library}: two assets have one obj_id: {numbers}")
+    for line in same_thing.told(assets):
+        say(line)
     return assets, numbers
 
 
