@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from twin_diagram import cli
 from twin_diagram.assets import Asset
 from twin_diagram.assets.building import build_from_mesh
 from twin_diagram.assets.library import check, entries
+from twin_diagram.assets.same_thing import same_things
 from twin_diagram.errors import AssetError
 from twin_diagram.scenario.resources import models_dir
 
@@ -54,6 +57,20 @@ def test_shipped_assets_are_whole() -> None:
     assert len(found) >= 7 and not [entry for entry in found if entry.wrong]
 
 
+def test_an_asset_that_was_copied_is_told(library: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Both were claimed at 0.98, whichever came first."""
+    shutil.copytree(library / "box", library / "box_again")
+    status, out, err = said(capfd, "check", "--library", library)
+    assert status == 0 and out.count("whole") == 3
+    assert err.count("\n") == 1 and "box and box_again are the same thing" in err
+    shipped = entries(models_dir() / "objects")
+    assert not same_things({one.name: one.asset for one in shipped if one.asset is not None})
+    (asset,) = (one.asset for one in entries(library) if one.name == "box")
+    assert asset is not None
+    larger, other = replace(asset, points_O=1.02 * asset.points_O), replace(asset, colours=0.9 * asset.colours)
+    assert not same_things({"box": asset, "larger": larger, "other": other})
+
+
 def truncated(file: Path) -> None:
     file.write_bytes(file.read_bytes()[:-20])
 
@@ -74,6 +91,12 @@ def edited(old: str, new: str) -> Callable[[Path], None]:
     return edit
 
 
+def in_millimetres(file: Path) -> None:
+    said = re.search(r"size: \[(.*)\]", file.read_text())
+    assert said is not None
+    edited(said[1], ", ".join(str(1000 * float(number)) for number in said[1].split(",")))(file)
+
+
 @pytest.mark.parametrize(
     ("file", "spoil", "words"),
     [
@@ -83,6 +106,7 @@ def edited(old: str, new: str) -> Callable[[Path], None]:
         ("pieces/piece0.obj", Path.unlink, ["piece0.obj", "missing"]),
         ("model.sdf", edited("<mass>0.5", "<mass>0.6"), ["model.sdf"]),
         ("asset.yaml", edited("mass: 0.5", "mass: -1.0"), ["asset.yaml", "-1"]),
+        ("asset.yaml", lambda file: in_millimetres(file), ["cloud.npz", "metres"]),
         ("asset.yaml", edited("version: 1", "version: 7"), ["version 7"]),
         ("asset.yaml", edited("name: box", "nmae: box"), ["asset.yaml", "nmae"]),
         ("asset.yaml", truncated, ["box"]),

@@ -192,3 +192,30 @@ def test_joints_that_the_description_leaves_without_a_motor_are_told(
         assert cli.main(["init", "--arm", str(tmp_path / name), "--out", str(tmp_path / f"{name}.yaml")]) == 0
         said = capsys.readouterr().err
         assert ("elbow: without a motor" in said and "twin.arm.joints" in said) == (name == "one.urdf")
+
+
+def test_fingers_that_are_always_close_to_the_wrist_leave_the_arm_its_table(tmp_path: Path) -> None:
+    """To the planner 1 cm lies between them however the wrist turns: no pose passed for clear of the table."""
+    inertial = (
+        '<inertial><mass value="1"/><inertia ixx="1e-2" iyy="1e-2" izz="1e-2" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+
+    def shaped(name: str, shape: str, z: float) -> str:
+        origin = f'<origin xyz="0 0 {z}"/>'
+        return f'<link name="{name}">{inertial}<collision>{origin}<geometry>{shape}</geometry></collision></link>'
+
+    wrist, finger = '<cylinder radius="0.035" length="0.08"/>', '<box size="0.022 0.016 0.09"/>'
+    links = '<link name="base"/>' + shaped("wrist", wrist, 0.04) + f'<link name="hand">{inertial}</link>'
+    links += shaped("left", finger, 0.045) + shaped("right", finger, 0.045)
+    joints = ""
+    for name, kind, above, below, place, axis, low, high in (
+        ("lift", "revolute", "base", "wrist", "0 0 0.5", "0 1 0", -2, 2),
+        ("turn", "revolute", "wrist", "hand", "0 0 0.09", "0 0 1", -2, 2),
+        ("one", "prismatic", "hand", "left", "0 0.008 0.03", "0 1 0", 0, 0.05),
+        ("other", "prismatic", "hand", "right", "0 -0.008 0.03", "0 -1 0", 0, 0.05),
+    ):
+        joints += f'<joint name="{name}" type="{kind}"><parent link="{above}"/><child link="{below}"/>'
+        joints += f'<origin xyz="{place}"/><axis xyz="{axis}"/>'
+        joints += f'<limit lower="{low}" upper="{high}" velocity="2" effort="50"/></joint>'
+    (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
+    assert look_at(tmp_path / "arm.urdf").stands

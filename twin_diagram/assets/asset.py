@@ -44,6 +44,9 @@ class Tuning:
     too_large: float = 10.0
     """A cloud so many times the object's size is in another unit: millimetres make it 1,000 times."""
 
+    too_small: float = 0.02
+    """… or less than this share of it: a size in mm. About O, a load in a corner may make it twice as large."""
+
 
 TUNING = Tuning()
 
@@ -161,7 +164,7 @@ def checked_cloud(cloud: Cloud, size: Array, file: Path | str) -> Cloud:
     if colours.min() < -TUNING.rounding or colours.max() > 1.0 + TUNING.rounding:
         raise AssetError(f"{file}: colours must lie from 0 to 1, not {colours.min():g} to {colours.max():g}")
     extent = float(np.ptp(points, axis=0).max())
-    if extent > TUNING.too_large * size.max():
+    if not TUNING.too_small * size.max() <= extent <= TUNING.too_large * size.max():
         raise AssetError(f"{file}: points span {extent:g} m, the object's size {size.max():g} m: give both in metres")
     # What is of length 1 already stays as it is, to the bit.
     if np.abs(length - 1.0).max() > TUNING.rounding:

@@ -125,12 +125,15 @@ def _list(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace) -> int:
     from twin_diagram.assets.library import entry
+    from twin_diagram.assets.same_thing import told
 
     found = _entries(arguments.library) if arguments.name is None else [entry(arguments.library, arguments.name)]
     corrupt = [one for one in found if one.wrong is not None]
     for one in found:
         if one.wrong is None:
             print(f"{one.name}: whole")
+    for line in told({one.name: one.asset for one in found if one.asset is not None}):
+        print(line, file=sys.stderr)
     if corrupt:
         raise AssetError("; ".join(f"{one.name} is corrupt: {one.wrong}" for one in corrupt))
     return 0

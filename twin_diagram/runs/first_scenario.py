@@ -173,9 +173,15 @@ def _home(
     tried = np.vstack([rest, 0.5 * (low + high), *(rest + share * (spread - rest) for share in (0.3, 0.6, 1.0))])
     scene = load_scene(spec, [scenario.Fixture(model=TUNING.table)], {}, packages)
     around = scene.around(Forecast.of_tracks(np.zeros(0)), np.zeros(len(tried)))
-    clear = scene.clearance.distances(tried, around, 2.0 * TUNING.clear).min(axis=1)
-    best = int(np.argmax(np.minimum(clear, TUNING.clear)))
-    return (tried[best], True) if clear[best] > 0.2 * TUNING.clear else (rest, False)
+    distances = scene.clearance.distances(tried, around, 2.0 * TUNING.clear)
+    table, own = distances[:, :-1].min(axis=1), distances[:, -1]
+    # A hand may lie close to the wrist wherever they turn: no pose is clearer of the arm itself, and none touches.
+    freest = (own > 0.0) & (own >= 0.5 * own.max())
+    for clear in (np.minimum(table, own), np.where(freest, table, -np.inf)):
+        best = int(np.argmax(np.minimum(clear, TUNING.clear)))
+        if clear[best] > 0.2 * TUNING.clear:
+            return tried[best], True
+    return rest, False
 
 
 def _place(arm: str | Path) -> str | Path:
@@ -202,7 +208,7 @@ def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path], joints
     fixtures = ["  fixtures:", f"    - model: {TUNING.table}"]
     if not found.stands:
         fixtures = [
-            "  # No pose was found in which this arm stands clear of a table at its feet: give it one of your own.",
+            "  # No pose was found that is clear of a table at its feet and of the arm itself: set home and table.",
             "  fixtures: []",
         ]
     named = ["packages:", *(f"  {name}: {_quoted(str(Path(folder).resolve()))}" for name, folder in packages.items())]

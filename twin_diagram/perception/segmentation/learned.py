@@ -20,7 +20,6 @@ from twin_diagram.perception.segmentation.segmentation import (
     clean,
     gathered,
     level,
-    segment,
     standing_out,
     support_plane,
 )
@@ -105,23 +104,6 @@ def segment_with(
     coarse = np.ascontiguousarray(depth[part])
     apart = apart_by(sure, coarse, grid, params, near_robot)
     return gathered(rgb, depth, time, grid, apart, params.table_height)
-
-
-def segmented(
-    segmenter: Segmenter | None,
-    rgb: ColourImage,
-    depth: DepthImage,
-    time: float,
-    grid: Grid,
-    params: scenario.Perception,
-    near_robot: Near | None = None,
-    *,
-    in_a_room: bool = False,
-) -> Segments:
-    """Take an image apart by a segmenter where there is one, else by `segment`; arguments as theirs."""
-    if segmenter is None:
-        return segment(rgb, depth, time, grid, params, near_robot, in_a_room=in_a_room)
-    return segment_with(segmenter, rgb, depth, time, grid, params, near_robot)
 
 
 def apart_by(ids: Ids, depth: DepthImage, grid: Grid, params: scenario.Perception, near_robot: Near | None) -> Apart:

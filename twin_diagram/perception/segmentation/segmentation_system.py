@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import cast
 
@@ -17,9 +17,9 @@ from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 from twin_diagram import scenario
 from twin_diagram.perception.alignment import Alignment
 from twin_diagram.perception.calibration import corrected
-from twin_diagram.perception.segmentation.learned import Segmenter, segmented
+from twin_diagram.perception.segmentation.learned import Segmenter, segment_with
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
-from twin_diagram.perception.segmentation.segmentation import Grid
+from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
@@ -104,8 +104,8 @@ class ImageParting:
         if picture.errors.any():
             grid, factor = self._corrected(picture.errors.tobytes())
             metres = metres * np.float32(factor)
-        return segmented(
-            self._segmenter,
+        apart = segment if self._segmenter is None else partial(segment_with, self._segmenter)
+        return apart(
             self._alignment.colours(picture.rgb[..., :3]),
             metres,
             picture.time,

@@ -10,6 +10,7 @@ import csv
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
-from twin_diagram.assets import Asset
+from twin_diagram.assets import Asset, same_thing
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.library import entries
 from twin_diagram.errors import AssetError, FramesError
@@ -27,8 +28,8 @@ from twin_diagram.perception.depth_noise import DepthSigma, measured
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.rotation import to_quaternion
-from twin_diagram.perception.segmentation.learned import Segmenter, segmented
-from twin_diagram.perception.segmentation.segmentation import Grid
+from twin_diagram.perception.segmentation.learned import Segmenter, segment_with
+from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.runs.tracking.grown_assets import GrownAssets
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker, TrackedObject
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
@@ -115,6 +116,7 @@ def _tracked(
     segmenter: Segmenter | None,
 ) -> Iterator[tuple[list[list[str]], str]]:
     """Yield of each frame its rows of `poses.csv` and its line of `objects.jsonl`."""
+    apart = partial(segment, in_a_room=True) if segmenter is None else partial(segment_with, segmenter)
     seen_by: dict[int, ViewCamera] = {}
     zero = min(0.0, folder.times[0])  # to the tracker, what was before 0 was never
     base: TableFrame | None = None
@@ -134,7 +136,7 @@ def _tracked(
             _start(tracker, told, base.camera(first), frame.time - zero - 1e-3)
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), PERCEPTION.stride)
         rgb, time = _rgb_of(frame), frame.time - zero
-        found = tracker.observe(segmented(segmenter, rgb, depth, time, grid, PERCEPTION, in_a_room=True))
+        found = tracker.observe(apart(rgb, depth, time, grid, PERCEPTION))
         seen_by |= {one.track: frame.colour for one in found if one.found}
         rows = [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
         yield rows, json.dumps(_line(frame, found, base, doubt, seen_by))
@@ -210,6 +212,8 @@ def _library(library: Path, say: Callable[[str], None], grow: Path | None) -> tu
         )
     if len(set(numbers.values())) < len(numbers):
         raise AssetError(f"{library}: two assets have one obj_id: {numbers}")
+    for line in same_thing.told(assets):
+        say(line)
     return assets, numbers
 
 
