@@ -178,13 +178,13 @@ def test_a_held_out_run_that_exercises_nothing_proves_nothing(shown: Shown) -> N
 
 
 def test_one_joint_mended_at_anothers_cost_denies_a_name(shown: Shown) -> None:
-    """Though the gap shrinks on the whole."""
+    """Though the gap shrinks on the whole: by more than noise differs from run to run, from noise that is as large."""
     verdict = bench.verdict("named", [bench.friction_finding()])
     shrunk = np.array(shown.holdout.after)
     mended = int(np.argmax(shown.holdout_rms()[0] / shown.noise_floor))
     other = (mended + 1) % len(shown.joints)
-    least = max(shown.holdout_rms()[0][other], shown.noise_floor[other])
-    for factor, allowed in ((1.1, True), (2.0, False)):
+    least = 1.25 * max(shown.holdout_rms()[0][other], 1.25 * shown.noise_floor[other])
+    for factor, allowed in ((0.7, True), (0.98, True), (1.02, False), (1.3, False)):
         shrunk[:, other] = factor * least * np.where(np.arange(len(shrunk)) % 2, 1.0, -1.0)
         tried = replace(shown, holdout=replace(shown.holdout, after=shrunk))
         assert tried.shrinks() and tried.worsens() != allowed

@@ -52,6 +52,12 @@ EFFECTS = {
         [],
         {"coulomb": [3.0, 1.0], "static": [6.0, 1.5], "stribeck_velocity": [0.2, 0.15]},
     ),
+    "stribeck_friction rising": EffectSpec(
+        "stribeck_friction",
+        ["panda_joint1", "panda_joint6"],
+        [],
+        {"coulomb": [6.0, 1.5], "static": [3.0, 1.0], "stribeck_velocity": [0.2, 0.15]},
+    ),
     "load_dependent_friction": EffectSpec("load_dependent_friction", ["panda_joint2"], [], {"coefficient": [0.15]}),
     "coupled_friction": EffectSpec(
         "coupled_friction", ["panda_joint5", "panda_joint6"], [], {"damping": [0.8], "torque": [1.2]}
@@ -167,7 +173,7 @@ EXPLICIT = (
 LATE = {"coupled_friction": 0.98, "load_dependent_friction": 0.98}
 """Share of samples that are looked at: these brakes need some steps to turn round."""
 
-LOOSE = {"stribeck_friction": 20.0, "load_dependent_friction": 100.0}
+LOOSE = {"stribeck_friction": 20.0, "stribeck_friction rising": 6.0, "load_dependent_friction": 100.0}
 """Times that a realisation is less exact than the others: levels are those of the step before."""
 
 
@@ -194,6 +200,15 @@ def test_dry_friction_holds_at_rest() -> None:
     load = np.abs(model.bias(q[0], np.zeros(7))) + 3.0
     free = dt * load.max() * np.diag(np.linalg.inv(model.mass_matrix(q[0])))
     assert np.all(np.abs(v) < 4e-4 * free)
+
+
+def test_friction_that_rises_with_speed_lets_go_at_its_level_at_rest() -> None:
+    """And then creeps, as fast as brings it up to the torque: 3 N·m of 100 at a sixth of the speed."""
+    values = {"coulomb": [100.0] * 7, "static": [0.1] * 7, "stribeck_velocity": [0.3] * 7}
+    _, v, _ = simulate([EffectSpec("stribeck_friction", JOINTS, [], values)], 0.002, duration=0.3, follow=False)
+    creep = 0.3 * np.sqrt(-np.log(1.0 - 3.0 / 100.0))
+    assert 0.9 * creep < np.abs(v[:, 6]).max() < 1.05 * creep
+    assert np.abs(v[:, 1]).max() > 0.1, "under its own weight"
 
 
 def test_all_at_once() -> None:

@@ -441,6 +441,7 @@ def test_turn_and_shift_of_the_object_go_together(yaw: float) -> None:
 def test_a_tables_normal_may_have_any_length() -> None:
     table = np.array([0.0, 0.6, 0.8, -0.05])
     told = box_target(0.05, 0.05, 0.05, table=4.0 * table)
+    assert told.table is not None and told.up is not None
     np.testing.assert_allclose(told.table, table)
     np.testing.assert_allclose(told.up, table[:3])
 

@@ -77,10 +77,11 @@ def test_too_wide_is_none_and_just_narrow_enough_is_one() -> None:
 def test_what_is_too_wide_below_is_taken_by_its_neck() -> None:
     """A body as wide as the fingers open, 0.15 m tall, and a neck of 0.05 m beside its middle: around the neck alone.
 
-    A neck of which the fingers would hold less than a pad is no neck.
+    A neck of which the fingers would hold less than a pad is no neck; where the tips would reach past a short one into
+    the body, the hand stays higher.
     """
     body = box(0.08, 0.08, 0.15)[0]
-    for tall in (0.05, 0.01):
+    for tall in (0.05, 0.035, 0.01):
         neck = box(0.03, 0.03, tall)[0] + np.array([0.02, 0.01, 0.075 + tall / 2])
         X_WO = turned(0.4, z=0.075)
         found = grasps_from_above((body, neck), X_WO, 0.08, DOWN, NONE)[0]
@@ -89,8 +90,17 @@ def test_what_is_too_wide_below_is_taken_by_its_neck() -> None:
             assert X_WG[6] - TUNING.tip == pytest.approx(0.15) or X_WG[6] == pytest.approx(0.15 + tall - TUNING.depth)
             assert X_WG[6] - 0.009 > 0.15, "the tips stay above what is too wide"
             np.testing.assert_allclose(X_WG[4:6], compose(X_WO, pose(0.02, 0.01, 0.0))[4:6], atol=1e-9)
-            between = reached((body, neck), compose(inverse(X_WG), X_WO))
-            assert len(between) == 1 and between[0] is neck
+            for error in (-0.0015, 0.0, 0.0015):
+                between = reached((body, neck), compose(inverse(X_WG + error * np.eye(7)[6]), X_WO))
+                assert len(between) == 1 and between[0] is neck, "be the hand a little lower or higher than was meant"
+
+
+def test_what_comes_up_to_the_tips_is_told_in_the_tools_frame() -> None:
+    """An object that lies, its x axis up: the piece at its +x end is what a hand from above reaches, not the other."""
+    ends = tuple(box(0.04, 0.04, 0.04)[0] + np.array([x, 0.0, 0.0]) for x in (-0.06, 0.06))
+    X_WO = pose(0.4, 0.2, 0.08, Rotation.from_euler("ZY", [90, -90], degrees=True).as_quat()[[3, 0, 1, 2]])
+    between = reached(ends, compose(inverse(pose(0.4, 0.2, 0.13, DOWN)), X_WO))
+    assert len(between) == 1 and between[0] is ends[1]
 
 
 def test_the_fingers_come_down_where_no_neighbour_is() -> None:

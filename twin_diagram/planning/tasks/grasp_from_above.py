@@ -34,6 +34,10 @@ class Tuning:
     """The finger tips reach this far below the tool's origin [m]: 9 or 10 mm of those that come along, and some room.
     What is lower is not between them, however wide it is: the body of a bottle that is taken by its neck."""
 
+    reach: float = 0.01
+    """So far below the tool's origin the tips truly reach [m]. A hand that took a neck is by `tip` above the body: with
+    the same bound for what the fingers closed on, a hair's breadth of error would say that it is the body."""
+
     hold: float = 0.018
     """What is between the fingers is at least this tall [m]: most of a pad."""
 
@@ -139,7 +143,7 @@ def reached(pieces_O: tuple[Array, ...], X_TO: Array) -> tuple[Array, ...]:
         X_TO: its pose in the tool's frame.
     """
     z_O = rotations.matrix(X_TO[:4])[2]
-    near = tuple(piece for piece in pieces_O if float((piece @ z_O).min()) + X_TO[6] < TUNING.tip)
+    near = tuple(piece for piece in pieces_O if float((piece @ z_O).min()) + X_TO[6] < TUNING.reach)
     return near or pieces_O
 
 

@@ -14,6 +14,10 @@ from twin_diagram.model.effects.friction_stribeck_load import CoupledFriction, L
 from twin_diagram.model.effects.simulated.realisation import Brake, Fitting, Realisation, realises
 from twin_diagram.signals.arrays import Array
 
+DAMPED = 0.45
+"""Slope of the damper that stands for friction's rise, over the rise by its speed: a little more than half of the
+law's steepest, 0.86, which is where any step is short enough."""
+
 
 @realises(ViscousFriction)
 class Dampers(Realisation[ViscousFriction]):
@@ -77,9 +81,12 @@ def _constant(forward: float, backward: float | None = None) -> Callable[[Array]
 
 @realises(StribeckFriction)
 class HeldAndPushedJoints(Realisation[StribeckFriction]):
-    """A brake of the higher level, and a push that takes off what is too much at speed.
+    """A brake of the level at rest, and a push that takes off what is too much at speed.
 
-    The push vanishes at rest, so that the joint sticks as it should, and is never more than the brake.
+    The push vanishes at rest, so that the joint sticks as it should, and is never more than the brake. Where friction
+    rises with speed instead, a damper that gives no more than the rise is beside the brake, and the push makes the
+    difference to the law: of the law's steepest slope the damper, which the plant solves for, has half and more, so
+    that no step is too long. One that starts or ends during a run has a brake of the higher level.
     """
 
     def brakes(self) -> list[Brake]:
@@ -92,22 +99,30 @@ class HeldAndPushedJoints(Realisation[StribeckFriction]):
         ]
 
     def fittings(self) -> list[Fitting]:
-        """Return both for each joint that has any."""
+        """Return them for each joint that has any."""
         result = []
-        values = (self.effect.value(key) for key in ("coulomb", "static", "stribeck_velocity"))
+        values = (self.effect.value(key).tolist() for key in ("coulomb", "static", "stribeck_velocity"))
         for joint, coulomb, static, speed in zip(self.effect.joints, *values, strict=True):
-            highest = float(max(coulomb, static))
-            if highest == 0.0:
-                continue
-            name = f"{joint}_{self.effect.name}"
-            if not self.effect.when.timed:
-                result.append(Fitting(name, joint, limit=highest, damping=FRICTION.hold))
-
-            def push(v: float, c: float = coulomb, s: float = static, w: float = speed, top: float = highest) -> float:
-                return float((top - c - (s - c) * np.exp(-((v / w) ** 2))) * smooth_sign(np.array(v)))
-
-            result.append(Fitting(f"{name}_push", joint, speed_curve=push))
+            name, timed = f"{joint}_{self.effect.name}", self.effect.when.timed
+            level = max(coulomb, static) if timed else static
+            rise = max(coulomb - level, 0.0)
+            if level > 0.0 and not timed:
+                result.append(Fitting(name, joint, limit=level, damping=FRICTION.hold))
+            if rise > 0.0:
+                result.append(Fitting(f"{name}_rise", joint, limit=rise, damping=DAMPED * rise / speed))
+            if level + rise > 0.0:
+                result.append(Fitting(f"{name}_push", joint, speed_curve=_push(coulomb, static, speed, level, rise)))
         return result
+
+
+def _push(coulomb: float, static: float, speed: float, level: float, rise: float) -> Callable[[float], float]:
+    """Return what a brake of a level and a damper up to a rise give beyond Stribeck's law [N·m], by speed [rad/s]."""
+
+    def push(v: float) -> float:
+        law = coulomb + (static - coulomb) * np.exp(-((v / speed) ** 2))
+        return float((level - law) * smooth_sign(np.array(v)) + np.clip(DAMPED * rise / speed * v, -rise, rise))
+
+    return push
 
 
 @realises(LoadDependentFriction)
