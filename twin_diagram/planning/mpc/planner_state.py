@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from typing import Final
 
 import numpy as np
@@ -111,6 +112,11 @@ class Memory:
         )
 
     @staticmethod
+    def braked_in(vector: Array) -> bool:
+        """Return whether a packed vector's arm rests because what searches for ways has failed."""
+        return bool(vector[-2])
+
+    @staticmethod
     def proved_at(vector: Array) -> float:
         """Return when the plan of a packed vector was made, or last found better than any other [s]."""
         return max(float(vector[0]), float(vector[-1]))
@@ -118,8 +124,10 @@ class Memory:
     @staticmethod
     def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
         """Return the inverse of `pack`, with nothing pending; copies."""
-        parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, GUIDE.goals * n, 2, TUNING.way_points * n])
-        _, _, _, _, offset, goal, stay, count, goals, route, points, last = np.split(np.array(vector), parts)
+        sizes = (n, POSE_SIZE, n, 1, GUIDE.goals * n, 2, TUNING.way_points * n, 5)
+        ends = [*accumulate(sizes, initial=1 + (2 + knots) * n)]
+        whole = np.array(vector)
+        offset, goal, stay, count, goals, route, points, last = (whole[a:b] for a, b in pairwise(ends))
         return Memory(
             Memory.trajectory_of(vector, n, knots, step),
             offset,
