@@ -218,7 +218,7 @@ class Mpc(ModelUser[Model]):
 
     def braked(self, context: Context) -> bool:
         """Return whether the arm rests because what searches for ways has failed and does not work again yet."""
-        return self.memory(context).braked
+        return Memory.braked_in(self._vector(context))
 
     def why_no_way(self, context: Context, name: Callable[[int, int, int], str]) -> Hindrance | None:
         """Return why no way to the goal is known; None where one is, where there is no goal, or nobody knows yet.

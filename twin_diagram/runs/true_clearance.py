@@ -78,13 +78,15 @@ class TrueClearance:
         """Return the least distance [m], or `horizon` [m] where nothing is so near."""
         nearest = horizon
         for pair in query.ComputeSignedDistancePairwiseClosestPoints(horizon):
+            if not pair.distance < nearest:
+                continue
             a, b = pair.id_A, pair.id_B
             if (a in self._arm) == (b in self._arm):
                 continue
             mine, other = (a, b) if a in self._arm else (b, a)
             if mine in self._base and other in self._still:
                 continue
-            nearest = min(nearest, pair.distance)
+            nearest = pair.distance
         return nearest
 
 

@@ -41,7 +41,7 @@ def compiled_in_place(function: F) -> F:
     """Compile a function as `compiled` does that makes no array and returns none: its rows of arrays cost nothing.
 
     Elsewhere each row that is taken of an array is counted, atomically, when it is made and when it is left: in loops
-    over points that is a third of the time. Where it makes an array after all, or calls what does, it does not compile.
+    over points that is a third of the time. Where it makes an array after all, it does not compile.
     """
     return _compiled(function, _nrt=False)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -74,7 +75,7 @@ class ColourShift:
         """Whether there is nothing to learn."""
         return not self.covariance.any()
 
-    @property
+    @cached_property
     def information(self) -> Array:
         """(2, 2) [1/px²]; only where it is not certain."""
         return np.asarray(np.linalg.inv(self.covariance))

@@ -8,6 +8,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import cast
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from pydrake.common.value import AbstractValue, Value
@@ -106,7 +107,8 @@ class ImageParting:
             metres = metres * np.float32(factor)
         apart = segment if self._segmenter is None else partial(segment_with, self._segmenter)
         return apart(
-            self._alignment.colours(picture.rgb[..., :3]),
+            # Three channels of four as a view would be walked pixel by pixel at each copy: 1.5 ms.
+            self._alignment.colours(np.asarray(cv2.cvtColor(picture.rgb, cv2.COLOR_RGBA2RGB))),
             metres,
             picture.time,
             grid,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import accumulate, pairwise
 from typing import Final
 
 import numpy as np
@@ -119,6 +120,11 @@ class Memory:
         )
 
     @staticmethod
+    def braked_in(vector: Array) -> bool:
+        """Return whether a packed vector's arm rests because what searches for ways has failed."""
+        return bool(vector[-2])
+
+    @staticmethod
     def proved_at(vector: Array) -> float:
         """Return when the plan of a packed vector was made, or last found better than any other [s]."""
         return max(float(vector[0]), float(vector[-1]))
@@ -126,10 +132,11 @@ class Memory:
     @staticmethod
     def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
         """Return the inverse of `pack`, with nothing pending; copies."""
-        parts = np.cumsum([1, n, n, knots * n, n, POSE_SIZE, n, 1, GUIDE.goals * n, 2, TUNING.way_points * n])
-        parts = np.append(parts, parts[-1] + np.cumsum([POSE_SIZE, 1, TUNING.way_points * n]))
-        _, _, _, _, offset, goal, stay, count, goals, route, points, *rest = np.split(np.array(vector), parts)
-        next_goal, found, beyond, last = rest
+        ways = TUNING.way_points * n
+        sizes = (n, POSE_SIZE, n, 1, GUIDE.goals * n, 2, ways, POSE_SIZE, 1, ways, 5)
+        ends = [*accumulate(sizes, initial=1 + (2 + knots) * n)]
+        parts = [vector[a:b].copy() for a, b in pairwise(ends)]
+        offset, goal, stay, count, goals, route, points, next_goal, found, beyond, last = parts
         return Memory(
             Memory.trajectory_of(vector, n, knots, step),
             offset,

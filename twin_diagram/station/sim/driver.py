@@ -226,7 +226,9 @@ class ArmDriver(LeafSystem):
         """Gravity of the nominal arm and commanded torque (n)."""
         torque = self._gravity.torque(self._motor.Eval(context)[: self._n])
         if self._tau.HasValue(context):
-            torque = torque + np.nan_to_num(self._tau.Eval(context), nan=0.0, posinf=0.0, neginf=0.0)
+            told = self._tau.Eval(context)
+            finite = np.isfinite(told)
+            torque = torque + (told if finite.all() else np.where(finite, told, 0.0))
         return torque
 
     def _update(self, context: Context, discrete: DiscreteValues) -> None:

@@ -158,7 +158,7 @@ class Drive(LeafSystem):
         follows = changes or any(law is not None for law in others.law)
         passing = any(effect is not None and effect.when.timed for effect in others.effect)
         more = {self._state.ticket()} if follows else set()
-        together = others.together()
+        together, resting = others.together(), np.stack([others.rest, np.zeros_like(others.rest)])
         more |= {self.xd_ticket(), self.time_ticket()} if changes or passing else set()
 
         def actuation(context: Context, output: BasicVector) -> None:
@@ -173,7 +173,7 @@ class Drive(LeafSystem):
 
         def desired_state(context: Context, output: BasicVector) -> None:
             command = self._command_now.Eval(context)
-            values = np.stack([others.rest, np.zeros_like(others.rest)])
+            values = resting.copy()
             values[:, rows[0]] = command[1:, rows[1]]
             output.SetFromVector(cast(Any, values.ravel()))
 
