@@ -50,6 +50,9 @@ def test_a_measured_box_stands_on_its_corners(seed: int) -> None:
 def test_what_is_round_is_not_flat() -> None:
     can = flat_faces(np.asarray(measured(trimesh.creation.cylinder(0.034, 0.1, sections=64)).triangles))
     assert sides(can) == [(0, 0, -1), (0, 0, 1)]
+    # A drawn one has facets 9° apart, of which three look much the same way.
+    drawn = flat_faces(np.asarray(trimesh.creation.cylinder(0.034, 0.1, sections=40).triangles))
+    assert sides(drawn) == [(0, 0, -1), (0, 0, 1)]
     assert len(flat_faces(np.asarray(trimesh.creation.icosphere(4, 0.04).triangles))) == 0
 
 

@@ -27,6 +27,9 @@ class Tuning:
     least: float = 0.01
     """Of the surface, that a face has."""
 
+    share: float = 0.5
+    """Of what looks along it from its height: 0.85 and more of bin 21's flat faces, a third of a drawn cylinder's."""
+
     spreads: float = 3.0
     """Standard deviations from its plane within which a point is the face's."""
 
@@ -61,14 +64,15 @@ def flat_faces(corners: Array, seed: int = 0) -> Array:
         alike = (normals[left] @ directions.T > np.cos(TUNING.cone)).sum(axis=0)
         if alike.max() < TUNING.least * len(points):
             return np.array(planes).reshape(-1, 4)
-        n = directions[int(alike.argmax())]
+        n = first = directions[int(alike.argmax())]
         for _ in range(TUNING.rounds):
-            n = normals[left & (normals @ n > np.cos(TUNING.cone))].mean(axis=0)
+            some = left & (normals @ n > np.cos(TUNING.cone))
+            n = normals[some].mean(axis=0) if some.any() else first
             n /= np.linalg.norm(n)
-        cone = left & (normals @ n > np.cos(TUNING.cone))
-        left &= ~cone
+        cone = normals @ n > np.cos(TUNING.cone)
+        left &= ~(cone | (normals @ first > np.cos(TUNING.cone)))
         plane = _face(points, points[cone], normals[cone], n)
-        if plane is not None:
+        if plane is not None and all(plane[:3] @ other[:3] < np.cos(TUNING.cone) for other in planes):
             planes.append(plane)
 
 
@@ -90,6 +94,7 @@ def _face(points: Array, own: Array, normals: Array, n: Array) -> Array | None:
     """
     height = own @ n
     on = np.abs(height - np.quantile(height, 0.98)) < SDF.foot
+    least = max(TUNING.least * len(points), TUNING.share * on.sum())
     for _ in range(TUNING.rounds):
         middle = own[on].mean(axis=0)
         axes = np.linalg.svd(own[on] - middle, full_matrices=False)[2]
@@ -97,7 +102,7 @@ def _face(points: Array, own: Array, normals: Array, n: Array) -> Array | None:
         off = (own - middle) @ up
         noise = max(1.4826 * float(np.median(np.abs(off[on] - np.median(off[on])))), TUNING.exact)
         on = np.abs(off) < TUNING.spreads * noise
-        if on.sum() < TUNING.least * len(points):
+        if on.sum() < least:
             return None
     # Normals of what is round turn as one goes along it, and fill the cone from end to end.
     across = (own[on] - middle) @ axes[:2].T
