@@ -262,7 +262,7 @@ def test_what_was_tracked_before_a_stop_is_kept_whole(
     for name in ("poses.csv", "objects.jsonl"):
         some, every = ((folder / name).read_text() for folder in (tmp_path / "out", tracked))
         assert every.startswith(some) and 0 < len(some.splitlines()) < len(every.splitlines())
-    monkeypatch.setattr(FrameFolder, "read", lambda *_: stopped(*_[:1], 3))
+    monkeypatch.setattr(FrameFolder, "read", lambda folder, _: stopped(folder, 3))
     assert track(library, scene, tmp_path / "none") == 130 and not (tmp_path / "none").exists()
 
 
