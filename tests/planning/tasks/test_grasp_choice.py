@@ -57,6 +57,26 @@ def test_no_hand_in_the_ground(height: float, taken: int) -> None:
     assert len(choices(box(0.2, 0.2, 0.2), at(0.3), 0.08, DOWN, NONE, shape)) == taken
 
 
+@pytest.mark.parametrize(("spare", "taken"), [(1e-4, 1), (-1e-4, 0)])
+def test_no_hand_in_what_an_object_lies_on(spare: float, taken: int) -> None:
+    """Its x axis up and turned by a quarter: 0.2 m of it stand above the ground, not the 0.3 m that it is wide."""
+    R_WO = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    R_WG = rotations.matrix(flat((0.0, 0.0, 0.0))[:4])
+    X_OG = np.array([*rotations.from_matrix(R_WO.T @ R_WG), -0.1 + 0.03 + TUNING.floor + spare, 0.0, 0.0])
+    X_WO = np.array([*rotations.from_matrix(R_WO), 0.4, 0.1, 0.1])
+    shape = ShapeGrasps(X_OG[None], np.zeros(1), hand=HAND)
+    assert len(choices(box(0.2, 0.3, 0.25), X_WO, 0.08, DOWN, NONE, shape)) == taken
+
+
+def test_straight_down_goes_before_from_the_side() -> None:
+    """Of two grasps as good, though the hand must turn by a quarter for it."""
+    level = flat((-0.09, 0.0, 0.0))
+    shape = ShapeGrasps(np.stack([level, [*DOWN, 0.0, 0.0, 0.11]]), np.zeros(2), hand=HAND * [1.0, 1.0, -1.0])
+    first, second = choices(box(0.2, 0.2, 0.2), at(0.1), 0.08, level[:4], NONE, shape)
+    assert rotations.matrix(first[:4])[2, 2] == pytest.approx(-1.0)
+    assert rotations.matrix(second[:4])[2, 2] == pytest.approx(0.0, abs=1e-12)
+
+
 def test_neighbours_and_turns_are_minded() -> None:
     """Of two grasps alike the one beside which nobody stands, with the hand turned the nearer way round."""
     shape = ShapeGrasps(np.stack([flat((-0.09, 0.0, 0.0)), flat((0.09, 0.0, 0.0))]), np.zeros(2), hand=HAND)

@@ -223,7 +223,7 @@ def test_dampers_add_up_and_marks_tell_equals_apart() -> None:
 
 
 def test_stribeck_friction_that_begins_is_a_brake_of_its_higher_level() -> None:
-    """A joint without any has none; the push at speed is the same as of what is there for good."""
+    """A joint without any has none; at speed it is the law, as what is there for good is, which has the level at rest."""
     values = {"coulomb": [1.0, 0.0, 3.0], "static": [2.5, 0.0, 2.0], "stribeck_velocity": [0.2, 0.2, 0.2]}
     always, late = (realisation(made("stribeck_friction", JOINTS[:3], onset=onset, **values)) for onset in (None, 1.0))
     assert always.brakes() == []
@@ -235,10 +235,16 @@ def test_stribeck_friction_that_begins_is_a_brake_of_its_higher_level() -> None:
     pushes = [f"{JOINTS[k]}_stribeck_friction_push" for k in (0, 2)]
     assert [fitting.name for fitting in late.fittings()] == pushes
     held = {fitting.name: fitting for fitting in always.fittings()}
-    assert set(held) == {*pushes, *(name.removesuffix("_push") for name in pushes)}
-    for fitting in late.fittings():
+    rise = f"{JOINTS[2]}_stribeck_friction_rise"
+    assert set(held) == {*pushes, *(name.removesuffix("_push") for name in pushes), rise}
+    for fitting, brake, coulomb, static in zip(late.fittings(), late.brakes(), (1.0, 3.0), (2.5, 2.0), strict=True):
+        own = held[fitting.name.removesuffix("_push")]
         push, other = fitting.speed_curve, held[fitting.name].speed_curve
-        assert push is not None and other is not None and push(0.3) == other(0.3) != 0.0
+        assert push is not None and other is not None and own.limit == static
+        damper = min(held[rise].damping * 0.3, held[rise].limit) if coulomb > static else 0.0
+        law = coulomb + (static - coulomb) * np.exp(-((0.3 / 0.2) ** 2))
+        assert brake.level(np.array([9.0]))[0] - push(0.3) == pytest.approx(law, rel=1e-3)
+        assert own.limit + damper - other(0.3) == pytest.approx(law, rel=1e-3)
 
 
 def test_a_gear_that_yields_cannot_begin_within_a_run() -> None:
