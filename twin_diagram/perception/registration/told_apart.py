@@ -48,7 +48,7 @@ def most_told(model: ModelCloud, frame: Frame, poses: Poses, points: int) -> Arr
     told, own = np.zeros(len(poses.p)), weight[0][on[0]]
     if not len(own):
         return told
-    sigma = float(np.hypot(frame.camera.depth_noise(float(np.median(looked.z[0][on[0]]))), RESIDUALS.model_noise))
+    sigma = float(np.hypot(np.median(frame.camera.depth_noise(looked.z[0][on[0]])), RESIDUALS.model_noise))
     shape_votes = float(looked.counted[0].sum()) / votes(looked, frame, model.spacing)
     colour_votes = pixel_votes(model, frame, looked, float(own.sum()))
     shown = [looked.r[k][on[k]] + poses.p[k] for k in range(len(told))]

@@ -112,11 +112,12 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
     against = cost - cost[0]
     far = turned(R, one.R) > TUNING.other
     worth = _worth(R, against, far, before < TUNING.enough)
-    most = _most(model, view, laid, far & (against < TUNING.clear))
+    most = _most(model, view, laid, against, far, worth)
     found = [(again(laid.R[k], laid.p[k]), most[k]) for k in worth]
     against = np.clip(against, -most, most)
     against[worth] = np.inf
-    told = float(against[far].min(initial=np.inf))
+    # A rival that is not registered by bad luck is as likely as the image can tell.
+    told = float(np.minimum(against, most)[far].min(initial=np.inf))
     kept = [(x, bound) for x, bound in found if x is not None and turned(x.R, one.R) > TUNING.same]
     others = [replace(x, named=one.named, by_shape=one.by_shape) for x, _ in kept]
     if max(x.quality / max(x.shape, 1e-9) for x in (one, *others)) < TUNING.speaks:
@@ -177,12 +178,19 @@ def _worth(R: Array, against: Array, far: npt.NDArray[np.bool_], unsure: bool) -
     return chosen
 
 
-def _most(model: ModelCloud, view: View, laid: Poses, asked: npt.NDArray[np.bool_]) -> Array:
-    """Return (B,) what the image can tell of the first of poses and each that is asked for; of others, anything."""
-    numbers = np.flatnonzero(asked)
+def _most(
+    model: ModelCloud, view: View, laid: Poses, against: Array, far: npt.NDArray[np.bool_], worth: Sequence[int]
+) -> Array:
+    """Return (B,) what the image can tell of the first of poses and those that are likely; of others, anything.
+
+    Those are what is `worth` registering and is another way round, and the likeliest that is not registered.
+    """
+    left = np.where(far, against, np.inf)
+    left[list(worth)] = np.inf
+    asked = [k for k in {*worth, int(np.argmin(left))} if far[k]]
     most = np.full(len(laid.p), np.inf)
-    if len(numbers):
-        most[numbers] = most_told(model, view.frame, laid[np.append(0, numbers)], TUNING.points)[1:]
+    if asked:
+        most[asked] = most_told(model, view.frame, laid[np.array([0, *asked])], TUNING.points)[1:]
     return most
 
 
