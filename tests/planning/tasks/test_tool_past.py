@@ -10,10 +10,12 @@ from twin_diagram.signals.arrays import Array
 
 V = np.array([0.3, -0.2, 0.5, 0.1, 0.4, -0.2])
 TICK = 0.01
+DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 def pose(time: float) -> Array:
-    return np.array([*rotations.normalized(rotations.exp(V[:3] * time)), *(V[3:] * time)])
+    """Turned about an axis of W, from a hand that points down."""
+    return np.array([*rotations.normalized(rotations.multiply(rotations.exp(V[:3] * time), DOWN)), *(V[3:] * time)])
 
 
 def test_between_ticks_it_is_where_it_moved_evenly() -> None:
