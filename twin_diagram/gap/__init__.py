@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from twin_diagram.gap.naming import investigate, name
     from twin_diagram.gap.report.comparison import Shown, show
     from twin_diagram.gap.residuals.prepared_logs import Record, Records, prepare
-    from twin_diagram.gap.verdict.locating import Map, locate, maps
+    from twin_diagram.gap.verdict.locating import locate
     from twin_diagram.gap.workflow import Gap, run_gap
 
 __all__ = [
@@ -25,7 +25,6 @@ __all__ = [
     "Estimate",
     "Finding",
     "Gap",
-    "Map",
     "Moment",
     "Place",
     "Record",
@@ -36,7 +35,6 @@ __all__ = [
     "add",
     "investigate",
     "locate",
-    "maps",
     "name",
     "prepare",
     "run_gap",

@@ -261,6 +261,17 @@ def table(summary: Mapping[str, Any]) -> str:
         )
     alarms = ", ".join(f"{a['kind']} at {a['time']:.2f} s" for a in summary["alarms"])
     lines.append(f"alarms     {alarms or 'none'}")
+    lines += _told_besides(summary)
+    timing = summary["timing"]
+    if timing:
+        shares = ", ".join(f"{name} {share:.0%}" for name, share in timing["systems"].items())
+        lines.append(f"speed      {timing['real_time_factor']:.2f} × real time ({shares})")
+    return "\n".join(lines)
+
+
+def _told_besides(summary: Mapping[str, Any]) -> list[str]:
+    """Return a line each of cameras, unknown things, health, brakes and the preview, as far as there are any."""
+    lines = []
     each = {"camera": summary["calibration"]} if "calibration" in summary else summary.get("calibrations", {})
     for name, found in each.items():
         before, after = (found.get("error", found["claimed"])[when]["shown_aside_mm"] for when in ("before", "after"))
@@ -279,11 +290,7 @@ def table(summary: Mapping[str, Any]) -> str:
         )
     if "preview" in summary:
         lines.append(_preview_line(summary["preview"]))
-    timing = summary["timing"]
-    if timing:
-        shares = ", ".join(f"{name} {share:.0%}" for name, share in timing["systems"].items())
-        lines.append(f"speed      {timing['real_time_factor']:.2f} × real time ({shares})")
-    return "\n".join(lines)
+    return lines
 
 
 def _goal_line(goal: Mapping[str, Any]) -> str:

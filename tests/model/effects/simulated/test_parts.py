@@ -223,7 +223,7 @@ def test_dampers_add_up_and_marks_tell_equals_apart() -> None:
 
 
 def test_stribeck_friction_that_begins_is_a_brake_of_its_higher_level() -> None:
-    """A joint without any has none; at speed it is the law, as what is there for good is, held by its level at rest."""
+    """A joint without any has none; at speed it is the law, as what is there for good is, at rest with its level."""
     values = {"coulomb": [1.0, 0.0, 3.0], "static": [2.5, 0.0, 2.0], "stribeck_velocity": [0.2, 0.2, 0.2]}
     always, late = (realisation(made("stribeck_friction", JOINTS[:3], onset=onset, **values)) for onset in (None, 1.0))
     assert always.brakes() == []
