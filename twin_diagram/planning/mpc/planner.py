@@ -92,6 +92,7 @@ class Tuning:
 TUNING = Tuning()
 
 NO_GOAL: Final = np.zeros(POSE_SIZE)
+"""In the place of a goal that is not told: zeros are no pose."""
 
 
 @dataclass(frozen=True)
