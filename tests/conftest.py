@@ -15,6 +15,11 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
 
+from twin_diagram.signals import compile_notice  # noqa: E402
+
+# Which test meets loops that are not compiled yet is chance: in the tests' own processes nobody tells of it.
+compile_notice.install = lambda: None
+
 settings.register_profile(
     "repeatable",
     derandomize=True,
