@@ -175,7 +175,7 @@ class Mpc(ModelUser[Model]):
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.filter.rate, 0.0, self._latch)
         state, arm = self.discrete_state_ticket(self._state), self._arm_in.ticket()
-        moving = {self.time_ticket(), state, arm, self._time_in.ticket()}
+        moving = {self.time_ticket(), state, arm, self._time_in.ticket(), self._next_in.ticket()}
         self.DeclareVectorOutputPort("position_commanded", n, self._calc_position, prerequisites_of_calc=moving)
         self.DeclareVectorOutputPort(
             "torque_commanded",
@@ -186,7 +186,6 @@ class Mpc(ModelUser[Model]):
         self.DeclareVectorOutputPort("plan", self._knots * n, self._calc_plan, prerequisites_of_calc={state})
         self.DeclareVectorOutputPort("plan_time", 1, self._calc_plan_time, prerequisites_of_calc={state})
         pending = self.abstract_state_ticket(self._pending)
-        moving = moving | {self._next_in.ticket()}
         self.DeclareVectorOutputPort("position_planned", n, self._calc_planned, prerequisites_of_calc=moving)
         self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state, pending})
 

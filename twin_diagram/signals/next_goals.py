@@ -13,7 +13,7 @@ from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 COUNT: Final = 2
 """Goals that are told: in the second that is looked ahead fingers close, lift and set off across."""
 _ROW: Final = POSE_SIZE + 2
-"""Of one: its pose, pause and earliest time."""
+"""Numbers of a packed goal."""
 NEXT_GOALS_SIZE: Final = COUNT * _ROW
 """Packed goals."""
 

@@ -91,6 +91,18 @@ def test_what_is_straight_ahead_is_not_asked_for_and_a_new_one_is(asked: Asked) 
     assert len(asked.questions) == 1
 
 
+def test_a_way_on_that_is_blocked_meanwhile_is_forgotten_and_asked_for_anew(
+    asked: Asked, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory = ticks(asked, asked.planner.initial(HOME), HERE, THERE, 12)
+    assert len(memory.beyond) == 2
+    monkeypatch.setattr(asked.planner.router, "follows", lambda points, now: False)
+    memory = ticks(asked, memory, HERE, THERE, 1, start=12)
+    assert not len(memory.beyond) and not memory.next_goal.any()
+    ticks(asked, memory, HERE, THERE, 1, start=13)
+    assert len(asked.questions) == 2
+
+
 def test_what_is_held_has_left_its_support_by_then(asked: Asked) -> None:
     memory = ticks(asked, asked.planner.initial(HOME), HERE, None, 2)
     hand = Hand(0, on_support=True).pack().tobytes()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin_diagram.planning.mpc.asking_ahead import foretold
-from twin_diagram.planning.mpc.planner import TUNING, MotionPlanner
+from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.signals.arrays import Array
@@ -20,8 +20,7 @@ def going_on(
 ) -> Array | None:
     """Return where the arm is so much later (n,), by commands [rad]; None: it has not set out for more by then.
 
-    Ways are those that would be gone with nothing about: straight in space where that is near, else by joint angles to
-    the nearest that reach the goal.
+    It goes straight in space to what is near, else by a way that was found: where none was it may wait, or go around.
 
     Args:
         planner: its ways and speeds.
@@ -50,12 +49,8 @@ def going_on(
 
 
 def _way(planner: MotionPlanner, memory: Memory, q: Array, goal: Array) -> Route | None:
-    """Return the way to a goal (7,) from joint angles (n,): that found ahead, else one at once; None: there is none."""
+    """Return the way to a goal (7,) from joint angles (n,): found ahead, or straight; None: it is not known."""
     if len(memory.beyond) and foretold(memory, goal):
         return Route(Aim.GOAL, memory.beyond)
     line = planner.guide.straight_way(q, goal)
-    if len(line):
-        return Route(Aim.LINE, line)
-    rng = np.random.default_rng(planner.params.seed)  # the same whenever it is asked
-    found = planner.guide.reaching(q, goal, rng, TUNING.first_goals)
-    return Route(Aim.GOAL, found[:1]) if len(found) else None
+    return Route(Aim.LINE, line) if len(line) else None

@@ -92,7 +92,7 @@ class Tuning:
 TUNING = Tuning()
 
 NO_GOAL: Final = np.zeros(POSE_SIZE)
-"""In the place of a goal that is not told: zeros are no pose."""
+"""In the place of a goal (7,) that there is not."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ class MotionPlanner:
         memory = self._heard(memory, q0, forecast)
         if memory.tick % self._every == 0 or memory is not before:
             memory = self._decided(memory, q0, forecast, question, rng)
-        memory = self._looked_ahead(memory, question, after)
+        memory = self._looked_ahead(memory, question, forecast, after)
         route = memory.route
 
         samples = self.optimiser.samples
@@ -275,12 +275,16 @@ class MotionPlanner:
         self.searcher.ask(question)
         return replace(memory, pending=question, asked=memory.tick)
 
-    def _looked_ahead(self, memory: Memory, question: Question, after: Array | None) -> Memory:
-        """Ask, once, for a way on to the goal after this one, where nothing else is asked for."""
+    def _looked_ahead(self, memory: Memory, question: Question, forecast: Forecast, after: Array | None) -> Memory:
+        """Ask for a way on to the goal after this one, where nothing else is asked for: once, unless it is blocked."""
         if after is None or memory.pending is not None or memory.braked or not memory.route.to_goal:
             return memory
         if foretold(memory, after):
-            return memory
+            if not len(memory.beyond) or memory.tick % self._every:
+                return memory
+            then = self.guide.situation(memory.route.points[-1], forecast, memory.beyond[-1:])
+            free = self.router.follows(memory.beyond, then)
+            return memory if free else replace(memory, next_goal=NO_GOAL, beyond=memory.beyond[:0])
         memory = replace(memory, next_goal=after.copy(), beyond=memory.goals[:0])
         asked = question_ahead(self.guide, memory, replace(question, hand=self._hand), after)
         if asked is None:

@@ -151,8 +151,7 @@ class Router:
 
         All end gently, straight lines down the most: up there is nothing to run into.
         """
-        tuning = self.tuning
-        line = route.aim is Aim.LINE
+        tuning, line = self.tuning, route.aim is Aim.LINE
         down = line and lifting.higher(self.scene.chain, q, route.points[-1]) <= 0.0
         share, gentle = tuning.line_acceleration if line else 1.0, tuning.line_braking if down else tuning.braking
         return profile(np.vstack([q, self._ahead(q, route)]), self.speed, share * self.acceleration, v, gentle)
