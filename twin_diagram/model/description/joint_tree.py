@@ -72,7 +72,7 @@ def _refuse(path: str, what: str) -> None:
 def refuse_alike(
     path: str, plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex], arm: Sequence[Joint]
 ) -> None:
-    """Raise ModelError where a joint or link of an arm has a namesake in another model: names tell them apart.
+    """Raise ModelError where a joint of an arm has a namesake in another model: names tell them apart.
 
     Args:
         path: of the description.
@@ -80,12 +80,10 @@ def refuse_alike(
         instances: the models that it adds.
         arm: joints of the arm.
     """
-    links = [joint.child_body() for joint in arm]
-    for kind, own, there in (("joint", arm, plant.HasJointNamed), ("link", links, plant.HasBodyNamed)):
-        for name in (each.name() for each in own):
-            models = [plant.GetModelInstanceName(instance) for instance in instances if there(name, instance)]
-            if len(models) > 1:
-                raise ModelError(
-                    f"{path}: {kind} {name!r} is in {' and in '.join(models)}: names must tell a robot's arms apart; "
-                    "give one arm's own description (X_WB: where its base stands)"
-                )
+    for name in (joint.name() for joint in arm):
+        models = [plant.GetModelInstanceName(instance) for instance in instances if plant.HasJointNamed(name, instance)]
+        if len(models) > 1:
+            raise ModelError(
+                f"{path}: joint {name!r} is in {' and in '.join(models)}: names must tell a robot's arms apart; "
+                "give one arm's own description (X_WB: where its base stands)"
+            )
