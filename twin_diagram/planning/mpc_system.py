@@ -21,7 +21,6 @@ from twin_diagram.planning.collision.collision_scene import holders, load_scene
 from twin_diagram.planning.collision.held_shape import at_rest, obstacles_beside
 from twin_diagram.planning.given import check_kinds
 from twin_diagram.planning.mpc.arm_torque import ArmTorque
-from twin_diagram.planning.mpc.going_on import going_on
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
@@ -32,11 +31,9 @@ from twin_diagram.planning.paths.no_way import Hindrance, HindranceKind
 from twin_diagram.planning.paths.search_process import SearchProcess
 from twin_diagram.planning.preview import AHEAD
 from twin_diagram.runtime.timing import timed
-from twin_diagram.signals import next_goals
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, TRACK_SIZE
-from twin_diagram.signals.next_goals import NEXT_GOALS_SIZE, NextGoal
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 
 PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "payload.moment_z")
@@ -70,7 +67,6 @@ class Mpc(ModelUser[Model]):
         - things (optional)
         - hand (optional)
         - brake (optional)
-        - next_goals (optional)
         output_ports:
         - position_commanded
         - torque_commanded
@@ -88,8 +84,8 @@ class Mpc(ModelUser[Model]):
         things: (T · THING_SIZE) unknown things, to be kept clear of as the objects are.
         hand: (HAND_SIZE) what is held is part of the arm's shape, from the first plan on, and no obstacle; what may be
             touched is no obstacle either, nor, while the fingers are around it, what moves. See `signals.hand`.
-        brake: (1 + n) whether something else stopped the arm, and where it is held [rad]: plans start there, from rest.
-        next_goals: (NEXT_GOALS_SIZE) where it goes after `goal`, see `signals.next_goals`: ways are sought beforehand.
+        brake: (1 + n) whether something else has stopped the arm, and where it holds it [rad]: plans start there, from
+            rest.
         measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
             `arm_state` is trusted from the start.
         position_commanded: (n) [rad]; the plan now, twice continuously differentiable in time. Before the first plan:
@@ -98,7 +94,7 @@ class Mpc(ModelUser[Model]):
             a corrected model needs beyond the given one to hold still.
         plan: (knots · n) the plan's knots from now on, row by row [rad].
         plan_time: (1) when the plan was made, or last found better than any other [s]; `NEVER` before the first.
-        position_planned: (n) where the plan is `preview.AHEAD` from now [rad], and beyond its end, see `going_on`.
+        position_planned: (n) where the plan is `preview.AHEAD` from now [rad].
         reach: (1) how many joint positions are known that put the tool at the goal; `NEVER` where there is none.
 
     Rate: plans at `planner.rate`, a periodic update. It comes right after the scene-graph updater's tick that
@@ -167,7 +163,6 @@ class Mpc(ModelUser[Model]):
 
         self._hand_in = self.DeclareVectorInputPort("hand", HAND_SIZE)
         self._brake_in = self.DeclareVectorInputPort("brake", 1 + n)
-        self._next_in = self.DeclareVectorInputPort("next_goals", NEXT_GOALS_SIZE)
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
@@ -175,7 +170,7 @@ class Mpc(ModelUser[Model]):
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / twin.planner.rate, _offset(twin), self._tick)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.filter.rate, 0.0, self._latch)
         state, arm = self.discrete_state_ticket(self._state), self._arm_in.ticket()
-        moving = {self.time_ticket(), state, arm, self._time_in.ticket(), self._next_in.ticket()}
+        moving = {self.time_ticket(), state, arm, self._time_in.ticket()}
         self.DeclareVectorOutputPort("position_commanded", n, self._calc_position, prerequisites_of_calc=moving)
         self.DeclareVectorOutputPort(
             "torque_commanded",
@@ -282,8 +277,7 @@ class Mpc(ModelUser[Model]):
         if brake[0]:
             memory = replace(planner.hold(memory, now, brake[1:]), stay=memory.stay)
         dynamics = ArmTorque(self._in_use(context), planner.scene.chain, self._payload(context))
-        after = next((each.X_WG for each in self._after(context)), None)
-        memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics, after=after)
+        memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics)
         state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
         pending = () if memory.pending is None else (memory.pending,)
         state.get_mutable_abstract_state(int(self._pending)).set_value(pending)
@@ -329,11 +323,7 @@ class Mpc(ModelUser[Model]):
         output.SetFromVector(self._planned(context, 0.0))
 
     def _calc_planned(self, context: Context, output: BasicVector) -> None:
-        found = going_on(self.planner, self.memory(context), context.get_time(), AHEAD, self._after(context))
-        output.SetFromVector(self._planned(context, AHEAD) if found is None else found)
-
-    def _after(self, context: Context) -> list[NextGoal]:
-        return next_goals.unpack(cast(Array, self._next_in.Eval(context))) if self._next_in.HasValue(context) else []
+        output.SetFromVector(self._planned(context, AHEAD))
 
     def _planned(self, context: Context, ahead: float) -> Array:
         """Return where the plan is (n,) so much [s] from now: before the first, where the arm is."""

@@ -283,7 +283,11 @@ def _told_besides(summary: Mapping[str, Any]) -> list[str]:
         lacking = ", ".join(f"{each['reason']} ({each['what']})" for each in summary["health"])
         lines.append(f"health     {lacking or 'nothing is lacking'}")
     if "brakes" in summary:
-        lines.append(_brakes_line(summary["brakes"]))
+        stops = summary["brakes"]
+        causes = ", ".join(f"{cause} {count}" for cause, count in stops["causes"].items())
+        lines.append(
+            f"brakes     {stops['count']}, {stops['seconds']:.2f} s in all" + (f" ({causes})" if causes else "")
+        )
     if "preview" in summary:
         lines.append(_preview_line(summary["preview"]))
     return lines
@@ -293,12 +297,6 @@ def _goal_line(goal: Mapping[str, Any]) -> str:
     """Return whether the goal was reached, and where that is known, why not."""
     why = f": {goal['why']}" if "why" in goal else ""
     return f"goal       {'reached' if goal['reached'] else 'missed'}, {goal['error_mm']:.1f} mm off{why}"
-
-
-def _brakes_line(stops: Mapping[str, Any]) -> str:
-    """Return how often and why the arm was stopped."""
-    causes = ", ".join(f"{cause} {count}" for cause, count in stops["causes"].items())
-    return f"brakes     {stops['count']}, {stops['seconds']:.2f} s in all" + (f" ({causes})" if causes else "")
 
 
 def _preview_line(preview: Mapping[str, Any]) -> str:

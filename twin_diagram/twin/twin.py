@@ -34,7 +34,6 @@ from twin_diagram.scene.updater_system import SceneGraphUpdater
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE
 from twin_diagram.signals.layouts import POSE_SIZE, TRACK_SIZE
-from twin_diagram.signals.next_goals import NEXT_GOALS_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 from twin_diagram.station import ports
 from twin_diagram.twin.acting import add_preview, add_task, connect_task, export_acting
@@ -325,7 +324,7 @@ def _add_updater(builder: DiagramBuilder, scene: TwinScene, twin: scenario.Twin)
 def _check_controller(system: System, n: int, objects: int, parameters: int, slots: scenario.Slots) -> None:
     """Refuse a controller of n joints that does not fit; raises TwinError."""
     beside = {"further_tracks": FURTHER_TRACK_SIZE * slots.further(objects), "things": THING_SIZE * slots.unknown}
-    beside |= {"hand": HAND_SIZE, "brake": 1 + n, "next_goals": NEXT_GOALS_SIZE}
+    beside |= {"hand": HAND_SIZE, "brake": 1 + n}
     arm = dict.fromkeys(("position_measured", "velocity_estimated", "torque_measured"), n)
     inputs = {"arm_state": 2 * n, "tracks": TRACK_SIZE * objects, "parameters": parameters, "goal": POSE_SIZE}
     inputs |= beside

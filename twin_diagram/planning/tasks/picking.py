@@ -35,18 +35,11 @@ def again(state: TaskState, seen: StepView, step: Step, why: Why) -> TaskState:
     return looking(state.noting(Note.TRIED_AGAIN, seen.now, why), seen.now, step)
 
 
-def lies_still(seen: StepView, step: Step, since: float) -> bool:
-    """Tell whether an image since then showed an object at rest, at a place that is known well enough to take it."""
-    track = seen.tracks[step.target]
-    vague = np.sqrt(max(0.0, np.linalg.eigvalsh(track.covariance[3:, 3:])[-1])) > TUNING.vague
-    return track.status == ObjectStatus.TRACKED and not vague and track.last_seen >= since
-
-
-def grasp_now(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> Array | None:
+def _grasp(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable], near: Array) -> Array | None:
     """Return where to take the object (7): as told, or the best that is left; None where nothing offers itself."""
     if step.goal.any():
         return compose(seen.tracks[step.target].pose, step.goal)
-    found = _offered(seen, step, library, seen.X_WT[:4])
+    found = _offered(seen, step, library, near)
     return found[min(state.attempt, len(found) - 1)] if len(found) else None
 
 
@@ -105,9 +98,11 @@ def _nearest(X_WG: Array, seen: StepView, step: Step, library: Sequence[Takeable
 
 def look(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Wait until the object lies still in sight; then choose a grasp."""
-    if not lies_still(seen, step, min(state.since, seen.now - TUNING.settled)):
+    track = seen.tracks[step.target]
+    vague = np.sqrt(max(0.0, np.linalg.eigvalsh(track.covariance[3:, 3:])[-1])) > TUNING.vague
+    if track.status != ObjectStatus.TRACKED or vague or track.last_seen < min(state.since, seen.now - TUNING.settled):
         return state
-    grasp = grasp_now(state, seen, step, library)
+    grasp = _grasp(state, seen, step, library, seen.X_WT[:4])
     if grasp is None:
         return fail(state, seen, Why.TOO_WIDE)
     return replace(state, grasp=grasp).entering(Phase.APPROACH, seen.now, before_grasp(grasp))
@@ -170,12 +165,7 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     hand = Hand(step.target, NOTHING, True, X_TO, covariance)
     state = replace(state, hand=hand, elsewhere=0, image=track.last_seen, past=no_past()).noting(Note.GRASPED, seen.now)
     state = replace(state, lies=closing_on(X_TO, doubt, seen))
-    return state.entering(Phase.LIFT, seen.now, risen(state, seen, step, library))
-
-
-def risen(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> Array:
-    """Return where the tool (7) has lifted what it grasps."""
-    return moved(state.grasp, np.array([0.0, 0.0, _rise(seen, step, library)]))
+    return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, _rise(seen, step, library)])))
 
 
 def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:

@@ -19,9 +19,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.planning.grasps.gripper import SHIPPED
 from twin_diagram.planning.grasps.kept_grasps import grasps_of
 from twin_diagram.planning.grasps.known_object import read_known
-from twin_diagram.planning.preview import AHEAD
 from twin_diagram.planning.tasks import step_state
-from twin_diagram.planning.tasks.goals_after import goals_after
 from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.planning.tasks.in_hand import Eye
 from twin_diagram.planning.tasks.slips import told_of
@@ -31,12 +29,10 @@ from twin_diagram.planning.tasks.transitions import advance
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario.lenses import calibration_error, colour_lens
 from twin_diagram.scenario.poses import pose
-from twin_diagram.signals import next_goals
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import CALIBRATION_SIZE, SIZE
 from twin_diagram.signals.hand import HAND_SIZE
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE, PoseMeasurement, Track
-from twin_diagram.signals.next_goals import NEXT_GOALS_SIZE
 from twin_diagram.signals.pose_vectors import from_matrix
 
 
@@ -49,9 +45,6 @@ class Tuning:
 
     ticks: float = 2.0
     """Of the task for one of the planner: a goal that changes waits for half a plan's period at most."""
-
-    foreseen: float = 0.25
-    """Before the task begins it is foreseen this often where it goes first [s]: a choice of grasps takes 5 to 9 ms."""
 
 
 TUNING = Tuning()
@@ -141,7 +134,6 @@ class TaskRunner(LeafSystem):
         - outcome
         - hand
         - notes
-        - next_goals
 
     Ports:
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
@@ -159,7 +151,6 @@ class TaskRunner(LeafSystem):
         outcome: (3) `step_state.TaskOutcome`, `step_state.Why`, `step_state.Phase`.
         hand: (HAND_SIZE) what is held or may be touched; see `signals.hand`.
         notes: (RING · NOTE_FIELDS) what happened to steps, newest last; see `step_state.told`.
-        next_goals: (NEXT_GOALS_SIZE) where the arm goes after that, as far as it is known; see `signals.next_goals`.
 
     Rate: twice the planner's, a periodic discrete update. Latency: one period; the planner plans for the goal of the
     tick before. State: one discrete vector, see `step_state.TaskState`.
@@ -218,7 +209,6 @@ class TaskRunner(LeafSystem):
             "outcome": (3, lambda vector: vector[list(step_state.OUTCOME)]),
             "hand": (HAND_SIZE, lambda vector: vector[step_state.TOLD["hand"]]),
             "notes": (step_state.RING * step_state.NOTE_FIELDS, lambda vector: vector[step_state.TOLD["notes"]]),
-            "next_goals": (NEXT_GOALS_SIZE, lambda vector: vector[step_state.TOLD["next_goals"]]),
         }
         for name, (size, value) in outputs.items():
             self._declare_output(name, size, value)
@@ -261,20 +251,12 @@ class TaskRunner(LeafSystem):
     @timed("TaskRunner")
     def _tick(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         state = self.remembered(context)
-        now = context.get_time()
-        if state.phase is Phase.REST or now < self._start - AHEAD:
+        if state.phase is Phase.REST or context.get_time() < self._start - 1e-9:
             return EventStatus.DidNothing()
         seen = self._seen(context)
         if seen is None:
             return EventStatus.DidNothing()
-        if now >= self._start - 1e-9:
-            state = advance(state, seen, self._steps, self._library)
-        elif now - state.since < TUNING.foreseen:
-            return EventStatus.DidNothing()
-        else:
-            state = replace(state, since=now)
-        after = next_goals.pack(goals_after(state, seen, self._steps, self._library, self._start))
-        discrete.set_value(int(self._state), cast(Any, replace(state, after=after).pack()))
+        discrete.set_value(int(self._state), cast(Any, advance(state, seen, self._steps, self._library).pack()))
         return EventStatus.Succeeded()
 
     def _seen(self, context: Context) -> StepView | None:
