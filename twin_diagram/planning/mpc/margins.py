@@ -32,18 +32,24 @@ class Tuning:
 TUNING = Tuning()
 
 
-def at_samples(now: Situation, samples: Array, duration: float) -> Array:
+def at_samples(now: Situation, samples: Array, duration: float, *, stays: bool = False) -> Array:
     """Return (M, B + 1) the distances to keep at the samples (M,), on a way that takes so long [s].
 
     Plans keep more the farther ahead, so that there is room left when something does what was not foreseen. What rests
-    and is near now is left as gently as it would be come up to: nobody is to be jerked away from it.
+    and is near now is left as gently as it would be come up to: nobody is to be jerked away from it. An arm that has no
+    goal, and `stays`, leaves nothing that rests: it may hold what stands there.
     """
     extra = GUIDE.surprise * np.minimum(samples / TUNING.surprise_time, 1.0)
     away = TUNING.approach * np.maximum(duration - TUNING.at_goal - samples, 0.0)
     result = now.margins(0 if len(now.goals) else None, extra, away)
     # What overlaps is left from where it is on: to ask for all of the margin at once would be to leap.
-    here = np.where(now.here[:-1] < 0.0, now.here[:-1], np.maximum(now.here[:-1] - TUNING.kept, now.least))
-    leaving = np.minimum(result[:, :-1], here + TUNING.approach * samples[:, None])
+    near = now.here[:-1]
+    if stays:
+        here, growth = near - TUNING.kept, 0.0
+    else:
+        here = np.where(near < 0.0, near, np.maximum(near - TUNING.kept, now.least))
+        growth = TUNING.approach
+    leaving = np.minimum(result[:, :-1], here + growth * samples[:, None])
     result[:, :-1] = np.where(now.still, leaving, result[:, :-1])
     return result
 

@@ -203,9 +203,10 @@ class MotionPlanner:
 
         samples = self.optimiser.samples
         end = route.points[-1:] if route.to_goal else memory.goals[:0]
-        situation = self.guide.margins_at(q0, forecast, end, at_rest=not np.any(memory.goal))
+        stays = not np.any(memory.goal)
+        situation = self.guide.margins_at(q0, forecast, end, at_rest=stays)
         way = self.router.travel(q0, route, v0)
-        margins = at_samples(situation, samples, way.duration)
+        margins = at_samples(situation, samples, way.duration, stays=stays)
         around = self.scene.around(forecast, samples)
         old_q, _, _ = memory.trajectory.at(now + samples)
         guess = old_q - memory.offset
