@@ -208,8 +208,7 @@ class MotionPlanner:
         way = self.router.travel(q0, route, v0)
         margins = at_samples(situation, samples, way.duration, stays=stays)
         around = self.scene.around(forecast, samples)
-        old_q, _, _ = memory.trajectory.at(now + samples)
-        guess = old_q - memory.offset
+        guess = memory.trajectory.at(now + samples)[0] - memory.offset
         line = route.aim is Aim.LINE
         reference = way.at(samples + (TUNING.ahead if line else 0.0))
         if route.aim is Aim.NOTHING:
