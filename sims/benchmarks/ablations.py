@@ -5,7 +5,7 @@
 
 SyncTwin's Figures 5, 6 and 9. Pictures are cast with a D415's noise, poses 2 mm / 0.2° off; masks are the true ones.
 Prints a table and writes `OUT/page.html`, with a picture of each result beside the truth. Seconds are of processor
-time, the scale's error is that of predictions by their cube; a row that is there already, in `OUT/rows.jsonl`, is not
+time, the scale's error is that of predictions by their cube; a row that the same code left in `OUT/rows.jsonl` is not
 built again.
 """
 

@@ -8,7 +8,8 @@ Two of the eight are alike, one is in no library. A folder of frames (8 s at 15 
 all that the tracker gets; its camera has calibration errors (5 mm / 0.5°, focal 0.3 %, centre 1 pixel, depth 1 %)
 unless the profile is `ideal`. Poses are scored in W. Printed: wrong objects, inventions, flips, swaps
 per 1,000 frames, how soon losses are said and things in the open found, errors, squared errors over claims, and how
-often claims of a probability are right. Seeds from 100000 are held back. Needs the YCB meshes.
+often claims of a probability are right. What other code left under `--out` is not read. Seeds from 100000 are held
+back. Needs the YCB meshes.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import numpy as np
 SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
+import result_lines  # noqa: E402
 from pose_truth import spoil  # noqa: E402
 from registration_peers import DATA  # noqa: E402
 from scene_truth import library, tallies  # noqa: E402
@@ -90,13 +92,14 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/followed_scenes"))
     parser.add_argument("--verbose", action="store_true", help="print each mistake")
     args = parser.parse_args()
+    out = args.out / result_lines.code()
     for profile in args.profile:
         whole, seconds = tallies.Tally(), []
         for seed in range(args.first, args.first + args.count):
             part = "" if (args.shrink, args.seconds) == (1, SECONDS) else f"_{args.shrink}_{args.seconds:g}"
-            kept = args.out / f"{profile}_{seed}{part}.json"
+            kept = out / f"{profile}_{seed}{part}.json"
             if not kept.exists():
-                done = run_one(args.out, profile, seed, args.shrink, args.seconds)
+                done = run_one(out, profile, seed, args.shrink, args.seconds)
                 kept.parent.mkdir(parents=True, exist_ok=True)
                 kept.write_text(json.dumps([vars(done[0]), done[1]]))
             of, spent = json.loads(kept.read_text())

@@ -33,13 +33,12 @@ How the scorer counts (`gap_scoring/verdicts.py`, `held_out.py`):
   combinations only.
 - What is left of a gap is √Σ(after² − floor²)/floor² over √Σ(before² − floor²)/floor², joints summed. The floor is
   the given model's residual less the true torque that it lacks. Cases whose gap is below two floors are left out.
-- Results of several versions of the workflow in one file are told apart by `code`, a digest of its source.
+- Results of other code than this, told by a digest of the package's source, are not counted.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
 import resource
@@ -207,7 +206,7 @@ def one_case(
     kind: str, seed: int, keep: Path | None = None, effect: str | None = None, duration: float | None = None
 ) -> dict[str, Any]:
     """Generates, runs and scores a case; a failure is a result too."""
-    record: dict[str, Any] = {"kind": kind, "seed": seed, "version": _version(), "code": _code()}
+    record: dict[str, Any] = {"kind": kind, "seed": seed, "version": _version()}
     with tempfile.TemporaryDirectory() as scratch:
         folder, out = Path(scratch) / "case", Path(scratch) / "out"
         case, truth = generate(kind, seed, folder, effect, duration)
@@ -336,14 +335,6 @@ def _version() -> str:
     import twin_diagram
 
     return str(twin_diagram.__version__)
-
-
-def _code() -> str:
-    """A digest of the workflow's source: results of one version of it can be told from another's."""
-    digest = hashlib.sha256()
-    for path in sorted((SIMS.parents[1] / "twin_diagram").rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:10]
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -13,7 +13,6 @@ Needs the `demo` extra.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import math
 import sys
 import time
@@ -39,13 +38,9 @@ QUICK = 2
 
 def digest() -> str:
     """Of all code that a result depends on: filter, truth and bench."""
-    total = hashlib.sha256()
     folders = [SIMS / "hrt_truth", SIMS / "hrt_bench", SIMS.parents[1] / "twin_diagram" / "estimation"]
     files = [SIMS / "filter_truth.py", *sorted(file for folder in folders for file in folder.rglob("*.py"))]
-    for file in files:
-        if file.name not in ("report.py",):
-            total.update(file.read_bytes())
-    return total.hexdigest()[:12]
+    return result_lines.digest(file for file in files if file.name != "report.py")
 
 
 def jobs(quick: bool, only: list[str]) -> Iterator[tuple[str, int]]:
@@ -76,7 +71,11 @@ def finite(record: dict[str, Any]) -> dict[str, Any]:
 
 def read(path: Path, wanted: str | None) -> list[dict[str, Any]]:
     """Lines of one digest."""
-    return [record for record in result_lines.read(path) if wanted is None or record.get("digest") == wanted]
+    return [
+        record
+        for record in result_lines.read(path, of_any_code=True)
+        if wanted is None or record.get("digest") == wanted
+    ]
 
 
 def run(out: Path, quick: bool, only: list[str], processes: int) -> None:

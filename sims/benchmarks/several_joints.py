@@ -49,7 +49,7 @@ Record = dict[str, Any]
 
 def one_seed(seed: int, keep: Path | None) -> Record:
     """Draws a case; where it is far enough apart, runs it twice and scores it."""
-    record: Record = {"seed": seed, "mixture": several_joints.MIXTURES[seed % 5], "code": gap_benchmark._code()}
+    record: Record = {"seed": seed, "mixture": several_joints.MIXTURES[seed % 5]}
     with tempfile.TemporaryDirectory() as scratch:
         folder, first, second = (Path(scratch) / name for name in ("case", "first", "second"))
         case, truth = gap_benchmark.generate("joints", seed, folder, duration=LENGTH)
