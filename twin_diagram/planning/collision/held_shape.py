@@ -9,9 +9,9 @@ import numpy as np
 
 from twin_diagram.planning.collision.ball_cover import TUNING as BALL_COVER
 from twin_diagram.planning.collision.ball_cover import Balls, box_cover
-from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.collision.collision_scene import Forecast, Scene, body_of_pieces
 from twin_diagram.planning.collision.convex_solids import bounding_box
-from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
+from twin_diagram.planning.collision.unsure_pose import Unsure
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
@@ -41,15 +41,18 @@ TUNING = Tuning()
 def holding(scene: Scene, pieces_O: Sequence[Array], hand: Hand) -> Scene:
     """Return the scene of an arm that holds an object: the object's cover moves with its last link.
 
+    What is not known of its place and its turn in the hand makes it larger, as it does where things stand.
+
     Args:
         scene: with an empty hand.
         pieces_O: corners (m, 3) of the object's convex pieces [m].
         hand: what is held, and whether that may touch what stands still.
     """
     n = scene.chain.size
-    X_LO = scene.chain.X_LT @ as_matrix(hand.X_TO)
-    variance = float(np.linalg.eigvalsh((hand.covariance + hand.covariance.T)[3:, 3:] / 2)[-1])
-    grown = min(FORECAST_GROWTH.sigmas * float(np.sqrt(max(variance, 0.0))), FORECAST_GROWTH.cap)
+    X_TO = as_matrix(hand.X_TO)
+    X_LO = scene.chain.X_LT @ X_TO
+    body = body_of_pieces(*(np.asarray(piece, dtype=float).tobytes() for piece in pieces_O))
+    grown = Unsure.of(hand.covariance, X_TO[:3, :3], body, moving=False).now
     centres, radii = [], []
     for piece in pieces_O:
         box = bounding_box(np.asarray(piece))
