@@ -46,6 +46,18 @@ def test_noise_of_the_bottom_makes_no_things() -> None:
         np.testing.assert_allclose(things[0].top, 0.05, atol=0.004 + 2.0 * noise)
 
 
+def test_the_bottom_is_seen_through_holes_alone() -> None:
+    """A ring, 3.5 cm high, has a hole of 4 cm; in another one a patch of 4 cm has no depth."""
+    rays = CAMERA.rays()[..., :2] * (HEIGHT - 0.035)
+    for middle in ([0.0, 0.0], [0.08, -0.1]):
+        off = np.hypot(*(rays - middle).transpose(2, 0, 1))
+        depth = np.where((off < 0.045) & (off > 0.02), HEIGHT - 0.035, HEIGHT).astype(np.float32)
+        (one,) = things_within(picture(depth), LOW, HIGH)
+        assert len(one.through) > 100 and np.abs(one.through[:, 2]).max() < 1e-3
+        (blind,) = things_within(picture(np.where(off < 0.02, np.float32(0.0), depth)), LOW, HIGH)
+        assert len(blind.points) == len(one.points) and not len(blind.through)
+
+
 def test_where_the_bottom_is_covered_its_noise_is_the_least_one() -> None:
     assert bottom_noise(np.full(5000, 0.03)) == TUNING.noise
     assert bottom_noise(np.full(100, -0.005)) == TUNING.noise

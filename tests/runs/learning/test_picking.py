@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from twin_diagram.runs.learning.motion import Mover, pointing, pose
-from twin_diagram.runs.learning.picking import TUNING, Reach, take, unlike
+from twin_diagram.runs.learning.picking import TUNING, Reach, before_grasp, take, unlike
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.pose_vectors import from_matrix
@@ -42,7 +43,7 @@ def test_from_where_it_held_nothing_the_hand_goes_back_and_up() -> None:
     approach = np.array([0.3, 0.0, -1.0]) / np.hypot(0.3, 1.0)
     X_WT = pose(pointing(approach, np.array([0.0, 1.0, 0.0])), np.array([0.42, -0.36, 0.05]))
     before = X_WT.copy()
-    before[:3, 3] -= TUNING.retreat * approach
+    before[:3, 3] -= TUNING.retreats[0] * approach
     start = mover.goals(before, home)[0]
     reach = Reach(0, X_WT, mover.path(home, start[None]), mover.line(start, X_WT, TUNING.grazing))
     cell = EmptyFingers(home)
@@ -54,6 +55,17 @@ def test_from_where_it_held_nothing_the_hand_goes_back_and_up() -> None:
     np.testing.assert_allclose(tips[turning], before[:3, 3], atol=1e-3)
     np.testing.assert_allclose(tips[-1, :2], before[:2, 3], atol=2e-3)
     assert tips[-1, 2] > before[2, 3] + TUNING.least_lift - 1e-3 and cell.opening > 0.1
+
+
+def test_in_a_corner_of_a_bin_the_straight_way_begins_over_the_walls() -> None:
+    """Where a ring was left, held across its wall: 10 cm before that a finger is 8 mm off the bin's rim."""
+    twin = load_scenario("bin_picking").twin
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)
+    down = pointing(np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0]))
+    for place, retreat in (([0.42, -0.36, 0.035], TUNING.retreats[0]), ([0.518, -0.473, 0.035], TUNING.retreats[1])):
+        starts = before_grasp(mover, pose(down, np.array(place)), home)
+        assert 0 < len(starts) <= 3 and mover.tool(starts[0])[2, 3] == pytest.approx(place[2] + retreat, abs=1e-3)
+        mover.line(starts[0], pose(down, np.array(place)), TUNING.grazing)
 
 
 def test_grasps_like_one_that_held_nothing_come_last() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -235,6 +237,41 @@ def test_guessed_sides_stand_on_the_outline_and_face_outwards() -> None:
     assert (np.einsum("ni,ni->n", own[:, :2], normals[:, :2]) > 0.0).all()
     assert np.maximum(np.abs(own[:, 0]) - 0.05, np.abs(own[:, 1]) - 0.03) == pytest.approx(0.0, abs=0.005)
     assert own[:, 2].min() == pytest.approx(0.01) and own[:, 2].max() < 0.04
+
+
+def ring(middle: tuple[float, float], through: bool = True) -> SeenThing:
+    """A ring of 9 cm with a hole of 4 cm, 3.5 cm high, as seen from above, and the bottom seen through the hole."""
+    rng = np.random.default_rng(0)
+    square = rng.uniform(-0.045, 0.045, (6000, 2))
+    off = np.hypot(*square.T)
+    own, hole = square[(off < 0.045) & (off > 0.02)] + middle, square[off < 0.017] + middle
+    points = np.column_stack([own, np.full(len(own), 0.042)])
+    bottom = np.column_stack([hole, np.full(len(hole), 0.007)])[: len(hole) if through else 0]
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    return SeenThing(points, up, np.zeros((len(points), 2), int), np.array([0.42, -0.36, 0.95]), through=bottom)
+
+
+def test_sides_of_a_hole_through_which_the_bottom_is_seen_are_guessed_and_face_into_it() -> None:
+    points, normals = guessed_sides(ring((0.42, -0.36)), 0.01)
+    own = points[:, :2] - [0.42, -0.36]
+    off, inner = np.hypot(*own.T), np.hypot(*own.T) < 0.03
+    outwards = np.einsum("ni,ni->n", own / off[:, None], normals[:, :2])
+    assert inner.any() and (outwards[inner] < -0.9).all() and (outwards[~inner] > 0.9).all()
+    assert off[inner] == pytest.approx(0.02, abs=0.005) and off[~inner] == pytest.approx(0.045, abs=0.005)
+    filled, _ = guessed_sides(ring((0.42, -0.36), through=False), 0.01)
+    assert np.hypot(*(filled[:, :2] - [0.42, -0.36]).T).min() > 0.04, "what merely has no depth is no hole"
+
+
+def test_a_ring_in_a_corner_is_taken_across_its_wall() -> None:
+    gripper, low, high = gripper_of("wsg50"), np.array([0.276, -0.554, 0.007]), np.array([0.564, -0.166, 0.12])
+    middle = (float(high[0]) - 0.048, float(low[1]) + 0.048)
+    fingers, walls = replace(gripper, opening_most=0.055), in_the_way(low, high, [])[0]
+    found = grasps_of_thing(ring(middle), fingers, 0.01, walls)
+    order = downward(found)
+    assert len(order) and found.seen[order].all() and found.width[order] == pytest.approx(0.025, abs=0.005)
+    off = found.poses[order, 4:6] - middle
+    assert (np.abs(np.einsum("ni,ni->n", off, found.R[order][:, :2, 1])) > 0.02).all(), "a finger is in the hole"
+    assert not len(downward(grasps_of_thing(ring(middle, through=False), fingers, 0.01, walls)))
 
 
 def test_what_is_too_wide_is_told_so() -> None:

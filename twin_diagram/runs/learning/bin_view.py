@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +93,13 @@ class Tuning:
     heights: float = 0.012
     """Between heights of the finger tips there [m]."""
 
+    apart: float = 0.012
+    """Between places on the walls about a hole at which these are taken [m]: half of a finger's width."""
+
+    open: float = 0.5
+    """Share of a hole's cells in which the bottom is seen through it, from which it is one: the rest is hidden by the
+    wall before it. Through what merely has no depth in a picture nothing is seen."""
+
     smooth: float = 1.5
     """σ with which an outline is smoothed for its normals [cells]."""
 
@@ -110,6 +117,7 @@ class SeenThing:
         pixels: (N, 2) row and column.
         viewpoint: (3,) where the camera was.
         beside: whether it lies on the table beside the bin.
+        through: (M, 3) points of what it lies on that are seen through its holes.
     """
 
     points: Array
@@ -117,6 +125,7 @@ class SeenThing:
     pixels: npt.NDArray[np.int64]
     viewpoint: Array
     beside: bool = False
+    through: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def middle(self) -> Array:
@@ -166,14 +175,16 @@ def things_at(
     rng = np.random.default_rng(seed)
     found = []
     for k in range(count):
-        rows = np.argwhere(label == k)
+        own_mask = label == k
+        rows = np.argwhere(own_mask)
+        through = points[ndimage.binary_fill_holes(own_mask) & there & ~mask]
         rows = rows[rng.permutation(len(rows))]
         at = (rows[:, 0], rows[:, 1])
         # A rim is all edge, and has no normals of its own in the picture: its points' neighbours tell them.
         own, bare = normals[at], np.linalg.norm(normals[at], axis=1) < 0.5
         if bare.any():
             own = np.where(bare[:, None], estimated_normals(points[at], picture.camera.p_WC), own)
-        found.append(SeenThing(points[at], own, rows, picture.camera.p_WC, beside))
+        found.append(SeenThing(points[at], own, rows, picture.camera.p_WC, beside, through))
     return sorted(found, key=lambda thing: -thing.top)
 
 
@@ -227,16 +238,20 @@ def grasps_of_thing(
 
 
 def upright_poses(thing: SeenThing, gripper: Gripper, floor: float) -> Array:
-    """Return tool poses (M, 7) straight from above, about a thing's middle, at every angle and some heights."""
-    middle, lowest = thing.middle, floor + gripper.finger_front + TUNING.side
+    """Return tool poses (M, 7) straight from above, at every angle and some heights.
+
+    They are about a thing's middle, and about places on the walls of what has a hole.
+    """
+    lowest = floor + gripper.finger_front + TUNING.side
+    heights = np.arange(lowest, max(thing.top, lowest + 1e-6), TUNING.heights)
+    walls = wall_middles(thing)
     found = []
     for yaw in np.arange(TUNING.yaws) * (np.pi / TUNING.yaws):
         y = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         R = np.column_stack([np.cross(y, [0.0, 0.0, -1.0]), y, [0.0, 0.0, -1.0]])
         quaternion = rotations.from_matrix(R)
-        for off in TUNING.beside_middle:
-            for height in np.arange(lowest, max(thing.top, lowest + 1e-6), TUNING.heights):
-                found.append(np.concatenate([quaternion, middle[:2] + off * R[:2, 0], [height]]))
+        about = [thing.middle[:2] + off * R[:2, 0] for off in TUNING.beside_middle]
+        found += [np.concatenate([quaternion, place, [height]]) for place in (*about, *walls) for height in heights]
     return np.array(found)
 
 
@@ -257,20 +272,49 @@ def why_not(thing: SeenThing, gripper: Gripper, grasps: Grasps) -> str:
     return f"no grasp from above: {grasps.why_empty() or 'each is too slanted'}"
 
 
-def guessed_sides(thing: SeenThing, floor: float) -> tuple[Array, Array]:
-    """Return points and outward normals (N, 3) of walls straight down from a thing's outline, as seen from above.
+def filled_cells(thing: SeenThing) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+    """Return which cells (X, Y) of the plane a thing fills, as seen from above, and the first one's number (2,).
 
-    Args:
-        thing: that lies.
-        floor: height at which the walls end [m].
+    What its outline encloses is filled but for holes through which the bottom is seen, see `Tuning.open`.
     """
     cells = np.floor(thing.points[:, :2] / TUNING.side).astype(np.int64)
     corner = cells.min(axis=0) - 2
     full = np.zeros(cells.max(axis=0) - corner + 3, dtype=bool)
     full[tuple((cells - corner).T)] = True
-    full = ndimage.binary_fill_holes(ndimage.binary_closing(full))
+    full = ndimage.binary_closing(full)
+    below, bottom = np.zeros_like(full), np.floor(thing.through[:, :2] / TUNING.side).astype(np.int64) - corner
+    below[tuple(bottom[((bottom >= 0) & (bottom < full.shape)).all(axis=1)].T)] = True
+    holes, count = ndimage.label(ndimage.binary_fill_holes(full) & ~full)
+    share = np.atleast_1d(ndimage.mean(below, holes, np.arange(1, count + 1))) if count else np.zeros(0)
+    return full | np.append(False, share <= TUNING.open)[holes], corner
+
+
+def wall_middles(thing: SeenThing) -> list[Array]:
+    """Return places (2,) in W, some way apart, in the middle of the walls of what has a hole; none: it has none [m]."""
+    full, corner = filled_cells(thing)
+    if (ndimage.binary_fill_holes(full) == full).all():
+        return []
+    deep = ndimage.distance_transform_edt(full)
+    kept: list[Array] = []
+    for x, y in np.argwhere(full & (deep >= ndimage.maximum_filter(deep, 3))):
+        place = np.asarray((np.array([x, y]) + corner + 0.5) * TUNING.side, dtype=float)
+        if all(float(np.hypot(*(place - other))) >= TUNING.apart for other in kept):
+            kept.append(place)
+    return kept
+
+
+def guessed_sides(thing: SeenThing, floor: float) -> tuple[Array, Array]:
+    """Return points and outward normals (N, 3) of walls straight down from a thing's outlines, as seen from above.
+
+    Args:
+        thing: that lies.
+        floor: height at which the walls end [m].
+    """
+    full, corner = filled_cells(thing)
     top = np.full(full.shape, -np.inf)
-    np.maximum.at(top, tuple((cells - corner).T), thing.points[:, 2])
+    np.maximum.at(
+        top, tuple((np.floor(thing.points[:, :2] / TUNING.side).astype(np.int64) - corner).T), thing.points[:, 2]
+    )
     top = ndimage.maximum_filter(top, 3)
     inward = np.stack(np.gradient(ndimage.gaussian_filter(full.astype(float), TUNING.smooth)), axis=-1)
     rim = np.argwhere(full & ~ndimage.binary_erosion(full))
@@ -281,7 +325,7 @@ def guessed_sides(thing: SeenThing, floor: float) -> tuple[Array, Array]:
     points, normals = [], []
     for (x, y), n, high in zip(rim, outward, top[tuple(rim.T)], strict=True):
         z = np.arange(floor, high, TUNING.side)
-        place = (np.array([x, y]) + corner + 0.5) * TUNING.side
+        place = np.asarray((np.array([x, y]) + corner + 0.5) * TUNING.side, dtype=float)
         points.append(np.column_stack([np.tile(place, (len(z), 1)), z]))
         normals.append(np.tile([*n, 0.0], (len(z), 1)))
     if not points:

@@ -19,8 +19,9 @@ from twin_diagram.signals.pose_vectors import as_matrix
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    retreat: float = 0.10
-    """Length of the straight approach [m]."""
+    retreats: tuple[float, ...] = (0.10, 0.16)
+    """Length of the straight approach [m]: the longer one begins with the hand over the bin's walls, where beside them
+    there is no room to come to the shorter one's begin; in corners there is none."""
 
     lift: float = 0.20
     """By which what is held is lifted straight up [m]: out of a bin, over its walls."""
@@ -101,9 +102,7 @@ def reach_of(
         for turn in (1.0, -1.0):
             X = X_WT.copy()
             X[:3, :2] *= turn
-            before = X.copy()
-            before[:3, 3] -= TUNING.retreat * X[:3, 2]
-            for q_before in mover.goals(before, q)[:3]:
+            for q_before in before_grasp(mover, X, q):
                 try:
                     line = mover.line(q_before, X, grazing)
                     searched += 1
@@ -117,6 +116,18 @@ def reach_of(
                     return reach
                 spare = spare or reach
     return spare
+
+
+def before_grasp(mover: Mover, X_WT: Array, q: Array) -> Array:
+    """Return joint angles (G, n) from which it is straight on to a grasp (4, 4), the nearest to some (n,) first."""
+    goals = np.zeros((0, len(q)))
+    for retreat in TUNING.retreats:
+        before = X_WT.copy()
+        before[:3, 3] -= retreat * X_WT[:3, 2]
+        goals = mover.goals(before, q)[:3]
+        if len(goals):
+            break
+    return goals
 
 
 def unlike(poses: Array, order: Array, failed: Sequence[Array]) -> list[int]:
