@@ -10,7 +10,7 @@ from twin_diagram.estimation.ekf_system import AdaptiveEkf
 from twin_diagram.estimation.filter.belief import SensorTrack
 from twin_diagram.estimation.filter.sensor_registry import note
 from twin_diagram.scenario import Drift, Filter, SensorSpec
-from twin_diagram.signals.layouts import AlarmKind
+from twin_diagram.signals.layouts import NEVER, AlarmKind
 
 TERMS = twin_terms()
 TUNING = Filter(sensors=[SensorSpec(kind="imu", name="hand_imu"), SensorSpec(kind="torque")])
@@ -55,3 +55,26 @@ def test_a_sensor_that_parts_ways_is_named() -> None:
     assert record["kind"] == AlarmKind.SENSOR.name.lower()
     assert record["sensor"] == "hand_imu"
     assert 5.0 < record["time"] <= 5.03
+
+
+def test_a_reading_that_comes_too_late_is_stale_and_not_invalid_too() -> None:
+    system = AdaptiveEkf(TERMS, TUNING)
+    context = system.CreateDefaultContext()
+    TERMS.set_payload(np.zeros(4))
+    given = (
+        ("position_measured", HOME),
+        ("velocity_estimated", np.zeros(7)),
+        ("torque_measured", TERMS.inverse_dynamics(HOME, np.zeros(7), 0.0)),
+        ("hand_imu.reading", np.zeros(6)),
+        ("torque.reading", np.zeros(7)),
+        ("torque.time", [NEVER]),
+    )
+    for name, value in given:
+        system.GetInputPort(name).FixValue(context, value)
+    for t, taken in ((0.005, NEVER), (0.5, NEVER), (0.505, 0.3)):  # a silence: the filter begun anew at 0.5 s
+        system.GetInputPort("measurement_time").FixValue(context, [t])
+        system.GetInputPort("hand_imu.time").FixValue(context, [taken])
+        context.SetTime(t)
+        context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context))
+    imu = system.belief(context).tracks[0]
+    assert (imu[SensorTrack.STALE], imu[SensorTrack.INVALID], imu[SensorTrack.ACCEPTED]) == (1.0, 0.0, 0.0)

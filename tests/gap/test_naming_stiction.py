@@ -11,8 +11,8 @@ import pytest
 from tests.gap_bench import arm
 from twin_diagram.gap.naming import name
 from twin_diagram.logs import Log
-from twin_diagram.model.dynamics.onsets import stretches
 from twin_diagram.model.model import Model
+from twin_diagram.signals.stretches import stretches
 
 Array = npt.NDArray[np.float64]
 

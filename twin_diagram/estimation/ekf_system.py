@@ -214,15 +214,16 @@ class AdaptiveEkf(ModelUser[Ekf]):
             seen[index] = t
             sensor = ekf.declared.sensors[name]
             R = None if noise is None else cast(Array, noise.Eval(context)).reshape(sensor.size, sensor.size)
+            track = ekf.declared.track(ekf.belief, sensor)
+            assert track is not None
+            stale = float(track[SensorTrack.STALE])
             try:
                 ahead = t - ekf.belief.time
                 if ahead > ARM_MESSAGES.longest_gap:
                     raise FilterError(f"{sensor.name}: a reading of the future")
                 ekf.update(sensor, cast(Array, reading.Eval(context)), t, None if R is None or not np.any(R) else R)
             except (FilterError, np.linalg.LinAlgError):
-                track = ekf.declared.track(ekf.belief, sensor)
-                assert track is not None
-                track[SensorTrack.INVALID] += 1
+                track[SensorTrack.INVALID] += track[SensorTrack.STALE] == stale  # what came too late is counted as that
         return seen
 
     def _of(self, context: Context) -> Belief:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from twin_diagram.logs.fingerprint import fingerprint
 from twin_diagram.logs.measured_log import SIGNALS, Log
+from twin_diagram.signals.stretches import stretches
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,7 @@ def unfrozen(log: Log) -> Log:
     """
     rows = np.concatenate([log.position, log.motor_torque], axis=1)
     same = np.all(rows[1:] == rows[:-1], axis=1)
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    begins, ends = ends[::2], ends[1::2]  # samples that are said first, and last, of all that are alike
+    begins, ends = stretches(same).T  # samples that are said first, and last, of all that are alike
     long = log.time[ends] - log.time[begins] > max(TUNING.silence, TUNING.periods * log.period)
     begins, ends = begins[long & (ends < len(log) - 1)], ends[long & (ends < len(log) - 1)]
     steps = np.abs(np.diff(log.position, axis=0))

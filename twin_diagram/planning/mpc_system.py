@@ -20,7 +20,7 @@ from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import holders, load_scene
 from twin_diagram.planning.collision.held_shape import at_rest, obstacles_beside
 from twin_diagram.planning.given import check_kinds
-from twin_diagram.planning.mpc.arm_torque import ArmTorque
+from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
@@ -35,9 +35,6 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
-
-PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "payload.moment_z")
-"""Names of the parameters of a payload: mass [kg] and first moment [kg·m] in the last link's frame."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +142,7 @@ class Mpc(ModelUser[Model]):
         self._n, self._knots, self._step = len(model.joints), twin.planner.knots, twin.planner.step
         self._begin_with(model)
         self._start = twin.task.start
-        plain = [name.split(" ")[0] for name in parameter_names]
-        self._payload_index = [plain.index(name) for name in PAYLOAD] if set(PAYLOAD) <= set(plain) else None
+        self._carried: Final = LearnedPayload.among(parameter_names)
         self._declare(twin, len(library), len(parameter_names))
 
     def _declare(self, twin: scenario.Twin, objects: int, parameters: int) -> None:
@@ -314,10 +310,7 @@ class Mpc(ModelUser[Model]):
 
     def _payload(self, context: Context) -> Array:
         """Return the payload as learned (4,), see `PAYLOAD`; zeros where it is not."""
-        if self._payload_index is None:
-            return np.zeros(len(PAYLOAD))
-        payload: Array = np.array(self._parameters_in.Eval(context))[self._payload_index]
-        return payload if np.isfinite(payload).all() else np.zeros(len(PAYLOAD))
+        return self._carried.of(cast(Array, self._parameters_in.Eval(context)) if self._carried.index else None)
 
     def _calc_position(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._planned(context, 0.0))

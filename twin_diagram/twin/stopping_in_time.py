@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ def add_stop_monitor(
     model: Model,
     library: Mapping[str, Asset],
     packages: Mapping[str, str | Path] | None,
+    parameter_names: Sequence[str],
 ) -> StopMonitor | None:
     """Add what stops the arm in time, unless the twin is told to have nothing of the kind.
 
@@ -35,7 +36,7 @@ def add_stop_monitor(
     """
     if twin.stop_monitor is None:
         return None
-    return builder.AddNamedSystem("stop_monitor", StopMonitor(model, twin, library, packages))
+    return builder.AddNamedSystem("stop_monitor", StopMonitor(model, twin, library, packages, parameter_names))
 
 
 def connect_commands(
@@ -64,7 +65,7 @@ def connect_commands(
     for name in ("position_commanded", "torque_commanded", "plan_time"):
         if controller.HasOutputPort(name):
             builder.Connect(controller.GetOutputPort(name), monitor.GetInputPort(name))
-    for source, names in ((ekf, ("arm_state", "message_time")), (updater, ("tracks", "further_tracks"))):
+    for source, names in ((ekf, ("arm_state", "parameters", "message_time")), (updater, ("tracks", "further_tracks"))):
         for name in names:
             builder.Connect(source.GetOutputPort(name), monitor.GetInputPort(name))
     if runner is not None:

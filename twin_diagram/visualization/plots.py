@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from twin_diagram.model.dynamics.onsets import stretches
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals import rotations, units
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ObjectStatus
+from twin_diagram.signals.stretches import stretches
 
 INK: Final = "#1f2933"
 """Of text and axes."""

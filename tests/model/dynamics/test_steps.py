@@ -14,7 +14,7 @@ from twin_diagram.model.dynamics.backlash import TUNING as BACKLASH
 from twin_diagram.model.dynamics.backlash import _between, _Gears, _keep_within, play, play_alone
 from twin_diagram.model.dynamics.elastic_gears import _linear, _start, in_series
 from twin_diagram.model.dynamics.friction_impulses import DryFriction, Stop, solve
-from twin_diagram.model.dynamics.onsets import epochs, shifted, stretches
+from twin_diagram.model.dynamics.onsets import epochs, shifted
 from twin_diagram.model.effects.elasticity import Gear
 from twin_diagram.model.effects.timing import Interval, at
 from twin_diagram.model.model import Model
@@ -37,10 +37,7 @@ def test_a_signal_is_shifted_with_its_ends_held() -> None:
     np.testing.assert_allclose(three[0], wave[1])
 
 
-def test_runs_and_epochs_are_those_of_their_conditions() -> None:
-    condition = np.array([True, True, False, True, False, False, True])
-    np.testing.assert_array_equal(stretches(condition), [[0, 2], [3, 4], [6, 7]])
-    assert stretches(np.zeros(3, dtype=bool)).shape == (0, 2)
+def test_epochs_are_those_of_their_conditions() -> None:
     bias = effects.make(EffectSpec("torque_bias", ["a"], [], {"torque": [1.0]}))
     time = np.arange(6.0)
     found = dict(epochs([at(bias, Interval(1.0, 4.0)), at(bias, Interval(onset=3.0))], time))

@@ -357,6 +357,25 @@ def test_what_fails_stops_the_arm_until_it_is_back(
     np.testing.assert_allclose(rig.command(), steady(6.0), atol=1e-9)
 
 
+def test_a_heavy_load_takes_longer_to_stop(model: Model, twin: scenario.Twin, library: dict[str, Asset]) -> None:
+    """An arm that reaches out sinks: without the 3 kg in its hand it would be asked for a third more than it has."""
+    mass, com = 3.0, np.array([0.0, 0.0, 0.2])
+    carries = scenario.EffectSpec(name="payload", parameters={"mass": [mass], "com": com.tolist()})
+    truth = Model.load(replace(ARM, effects=[carries]))
+    start, v = np.array([0.0, 0.9, 0.0, -1.2, 0.0, 2.1, 0.785]), 0.6 * np.eye(N)[1]
+    share = []
+    for payload in (np.array([mass, *(mass * com)]), np.zeros(4)):
+        given = {"plan_time": late(0.1, 5.0), "parameters": lambda t, payload=payload: payload}
+        rig = Rig(model, twin, library, lambda t: start + v * t, **given)
+        rig.run(0.3)
+        stop = rig.monitor.remembered(rig.context).stop
+        np.testing.assert_allclose(stop.v0, v, atol=1e-6)
+        torque = truth.inverse_dynamics(stop.q0, stop.v0, -stop.v0 / stop.time)
+        share.append(float(np.max(np.abs(torque) / model.effort_limit)))
+    assert twin.stop_monitor is not None and share[1] > 1.25
+    assert share[0] == pytest.approx(twin.stop_monitor.torque_share, abs=0.005)
+
+
 def test_a_clock_may_begin_at_any_time(model: Model, twin: scenario.Twin, library: dict[str, Asset]) -> None:
     """From 100 s on: no image for two periods is no stale scene, though none is a hundred seconds old."""
     camera = scenario.Camera()

@@ -8,7 +8,7 @@ import pytest
 from twin_diagram.scenario import Camera, CameraDefects, DepthCamera, Pose, Scenario
 from twin_diagram.scenario.lenses import colour_lens, depth_lens
 from twin_diagram.scenario.poses import pose
-from twin_diagram.station.sim.camera_truth import true_camera
+from twin_diagram.station.sim.camera_truth import true_camera, with_camera
 
 TOLD = Camera(X_WC=Pose([1.4, 0.1, 0.9], [-2.2, 0.1, 1.5]), width=320, height=240, fx=300.0, fy=298.0, cx=158.0)
 
@@ -61,5 +61,15 @@ def test_depth_of_its_own_stands_beside_the_true_colours() -> None:
     X_DC = found.X_WD.inverse() @ found.X_WC
     assert X_DC.IsNearlyEqualTo(pose(depth.X_DC), 1e-12)
     assert abs(found.depth.fx / 210.0 - 1.0) == pytest.approx(0.003) and found.depth.width == 424
+    assert np.hypot(found.depth.cx - 211.5, found.depth.cy - 119.5) == pytest.approx(424 / 640)  # 1 px at 640
     assert round(found.depth_scale, 6) in (1.98, 2.02)  # delivered in units of half a metre
     assert depth_lens(camera).cx == 211.5
+
+
+def test_each_camera_is_off_by_itself() -> None:
+    scenario = plan(5)
+    scenario.twin.cameras = {"left": TOLD, "right": TOLD}
+    places = [true_camera(with_camera(scenario, name)).X_WC.translation() for name in (TOLD.name, "left", "right")]
+    told = pose(TOLD.X_WC).translation()
+    apart = np.array([p - told for p in places]) / 0.005
+    assert np.abs(apart @ apart.T - np.eye(3)).max() < 0.99, "no two in one direction, or in opposite ones"

@@ -10,12 +10,12 @@ import numpy as np
 from twin_diagram.gap.residuals.log_noise import TUNING as LOG_NOISE
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.logs.differentiation import lowpass
-from twin_diagram.model.dynamics.onsets import stretches
 from twin_diagram.model.effects.friction import CoulombFriction
 from twin_diagram.model.effects.friction_stribeck_load import LoadDependentFriction, StribeckFriction
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.transmission import JointSpring
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.stretches import stretches
 
 
 @dataclass(frozen=True)

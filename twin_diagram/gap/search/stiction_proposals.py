@@ -18,10 +18,10 @@ from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import HypothesisFit
-from twin_diagram.model.dynamics.onsets import stretches
 from twin_diagram.model.effects.friction import CoulombFriction
 from twin_diagram.model.effects.friction_stribeck_load import StribeckFriction
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.stretches import stretches
 
 
 @dataclass(frozen=True)

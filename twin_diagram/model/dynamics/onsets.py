@@ -1,4 +1,4 @@
-"""What depends on time itself: which effects act when, torque that acts later, and how long a condition holds."""
+"""What depends on time itself: which effects act when, and torque that acts later."""
 
 from __future__ import annotations
 
@@ -28,9 +28,3 @@ def shifted(signal: Array, time: Array, by: float) -> Array:
     if by == 0.0 or len(time) < 3:
         return signal
     return np.asarray(scipy.interpolate.CubicSpline(time, signal)(np.clip(time + by, time[0], time[-1])))
-
-
-def stretches(condition: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-    """Return (m, 2) first sample of each run of samples for which a condition (N,) holds, and the next one."""
-    held = np.concatenate([[False], condition, [False]])
-    return np.flatnonzero(held[1:] != held[:-1]).reshape(-1, 2)

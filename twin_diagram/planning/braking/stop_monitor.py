@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, cast
@@ -19,8 +19,9 @@ from twin_diagram.planning.braking.drake_distances import DrakeDistances
 from twin_diagram.planning.braking.scene_now import SceneNow, read_scene
 from twin_diagram.planning.braking.stop_check import Breach, breach
 from twin_diagram.planning.braking.stopping_motion import Rejoin, heading, stopping_time, travelled
+from twin_diagram.planning.collision.chain import Chain
 from twin_diagram.planning.given import check_kinds
-from twin_diagram.planning.mpc.arm_torque import acceleration_limit
+from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload, acceleration_limit
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE
@@ -62,6 +63,7 @@ class StopMonitor(LeafSystem):
         - torque_commanded (optional)
         - plan_time (optional)
         - arm_state
+        - parameters (optional)
         - measurement_time
         - message_time (optional)
         - image_time (optional)
@@ -81,6 +83,8 @@ class StopMonitor(LeafSystem):
         torque_commanded: (n) feed-forward [N·m]; out: the last that was a number, within the motors' limits.
         plan_time: (1) when the newest plan was made or checked [s]; not connected: a planner that hangs is not noticed.
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
+        parameters: (p) what a filter learned; those of a payload count, see `arm_torque.PAYLOAD`: a heavy load takes
+            longer to stop. Not connected: nothing is carried.
         measurement_time: (1) of the arm's newest message [s], `NEVER` before the first: until then commands pass.
         message_time: (1) of the newest message that a filter could use [s], which tells NaN with fresh stamps; not
             connected: what stamps say is believed.
@@ -102,6 +106,7 @@ class StopMonitor(LeafSystem):
         twin: scenario.Twin,
         library: Mapping[str, Asset],
         packages: Mapping[str, str | Path] | None = None,
+        parameter_names: Sequence[str] = PAYLOAD,
     ) -> None:
         """Read the shapes of the arm, fixtures and library.
 
@@ -110,6 +115,7 @@ class StopMonitor(LeafSystem):
             twin: what the twin is told; `stop_monitor` must be there.
             library: the known objects by name, in the order of the tracks.
             packages: local folders for `package://` names.
+            parameter_names: of the `parameters` port, in order, as `Mpc` takes them.
 
         Raises:
             ArgumentError: an argument of another kind.
@@ -140,14 +146,16 @@ class StopMonitor(LeafSystem):
         self._period: Final = 1.0 / self._params.rate
         self._filter_period: Final = 1.0 / twin.filter.rate
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(self._n)
-        self._declare(home, len(library), further, things)
+        self._carried: Final = LearnedPayload.among(parameter_names)
+        self._chain: Final = Chain.from_plant(model.plant, model.arm.joint_indices, model.arm.tool_frame)
+        self._declare(home, len(library), further, things, len(parameter_names))
 
-    def _declare(self, home: Array, objects: int, further: int, things: int) -> None:
-        """Declare state, inputs, events and outputs for so many slots of each kind."""
+    def _declare(self, home: Array, objects: int, further: int, things: int, parameters: int) -> None:
+        """Declare state, inputs, events and outputs for so many slots of each kind and learned parameters."""
         n, g = self._n, self._near.finger_count
         sizes = {
             "position_commanded": n, "torque_commanded": n, "plan_time": 1, "arm_state": 2 * n, "measurement_time": 1,
-            "message_time": 1, "image_time": 1, "tracks": TRACK_SIZE * objects,
+            "parameters": parameters, "message_time": 1, "image_time": 1, "tracks": TRACK_SIZE * objects,
             "further_tracks": FURTHER_TRACK_SIZE * further,
             "things": THING_SIZE * things, "hand": HAND_SIZE, "gripper_state": 2 * g,
         }  # fmt: skip
@@ -301,13 +309,13 @@ class StopMonitor(LeafSystem):
             found = self._breach(context, state, now, arm)
             cause = Cause.CLEARANCE if found else Cause.NONE
         if cause is not Cause.NONE:
-            return self._brake(state, now, arm, cause, found)
+            return self._brake(context, state, now, cause, found)
         if state.mode == BrakeMode.REJOIN and now >= state.rejoin_start + state.rejoin_time:
             return replace(state, mode=float(BrakeMode.PASS))
         return state
 
-    def _brake(self, state: BrakeState, now: float, arm: Array, cause: Cause, found: Breach | None) -> BrakeState:
-        time = self._stopping_time(state.command, state.rate)
+    def _brake(self, context: Context, state: BrakeState, now: float, cause: Cause, found: Breach | None) -> BrakeState:
+        time = self._stopping_time(context, state.command, state.rate)
         where = (found.part, found.body, found.distance) if found else (0, 0, 0.0)
         note = (now, 1.0, float(cause), *where, float(np.abs(state.rate).max()))
         return replace(
@@ -315,8 +323,10 @@ class StopMonitor(LeafSystem):
             stop_v0=state.rate, clear=NEVER, brakes=state.brakes + 1.0, notes=state.noting(*note),
         )  # fmt: skip
 
-    def _stopping_time(self, q: Array, v: Array) -> float:
-        mass, bias = self._model.mass_matrix(q), self._model.bias(q, v)
+    def _stopping_time(self, context: Context, q: Array, v: Array) -> float:
+        payload = self._carried.of(self._value(context, "parameters"))
+        more, weight = ArmTorque(self._model, self._chain, payload).of_payload(q[None], v[None])
+        mass, bias = self._model.mass_matrix(q) + more[0], self._model.bias(q, v) + weight[0]
         return stopping_time(v, self._acceleration, mass, bias, self._params.torque_share * self._effort)
 
     def _perhaps_resume(
@@ -350,7 +360,7 @@ class StopMonitor(LeafSystem):
         if np.abs(arm[self._n :] - state.rate).max() > TUNING.apart:
             speeds.append(arm[self._n :])
         for v in speeds:
-            time = self._stopping_time(arm[: self._n], v)
+            time = self._stopping_time(context, arm[: self._n], v)
             if self._near.speed(arm[: self._n], v) * travelled(delay + time, delay, time) < TUNING.creep:
                 continue
             scene = scene or self._scene(context, now, arm)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -12,6 +13,9 @@ from pydrake.multibody.tree import JointIndex
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.chain import Chain, drawn_range, point_jacobian
 from twin_diagram.signals.arrays import Array
+
+PAYLOAD: Final = ("payload.mass", "payload.moment_x", "payload.moment_y", "payload.moment_z")
+"""Names of the parameters of a payload: mass [kg] and first moment [kg·m] in the last link's frame."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,24 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
+class LearnedPayload:
+    """Where among learned parameters a payload stands; nowhere where `index` is empty."""
+
+    index: tuple[int, ...]
+
+    @staticmethod
+    def among(names: Sequence[str]) -> LearnedPayload:
+        """Return it for parameters of these names, in order; a unit in brackets after a name does not count."""
+        plain = [name.split(" ")[0] for name in names]
+        return LearnedPayload(tuple(plain.index(name) for name in PAYLOAD) if set(PAYLOAD) <= set(plain) else ())
+
+    def of(self, parameters: Array | None) -> Array:
+        """Return the payload (4,) of parameters (p,), see `PAYLOAD`; zeros where there is none, or it is no number."""
+        payload = np.full(1, np.nan) if parameters is None or not self.index else parameters[list(self.index)]
+        return payload if np.isfinite(payload).all() else np.zeros(len(PAYLOAD))
+
+
+@dataclass(frozen=True)
 class ArmTorque:
     """An arm's dynamics as they are known now.
 
@@ -57,18 +79,24 @@ class ArmTorque:
     def mass_and_load(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return mass matrices (K, n, n) and torques without acceleration (K, n) at positions and velocities (K, n).
 
-        The torque of a motion is M a + load. The payload counts as a point at its centre of mass.
+        The torque of a motion is M a + load.
         """
         model = self.model
         true = model.true_position(q)
         # A few samples one by one cost the plant less than all at once.
         M, load = np.array([model.calls.mass(x) for x in true]), model.law.joint_load(true, v, np.zeros_like(q))
+        carried = self.of_payload(q, v)
+        return M + carried[0], load + carried[1]
+
+    def of_payload(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return what of both is the payload's, which counts as a point at its centre of mass; see `mass_and_load`."""
+        count, n = q.shape
         mass = float(self.payload[0])
-        if np.isfinite(self.payload).all() and mass > TUNING.least_mass:
-            J, Jv = self._payload_jacobian(q, v)
-            M = M + mass * np.einsum("kni,kmi->knm", J, J)
-            load = load + mass * np.einsum("kni,ki->kn", J, Jv - self.chain.gravity_W)
-        return M, load
+        if not np.isfinite(self.payload).all() or mass <= TUNING.least_mass:
+            return np.zeros((count, n, n)), np.zeros((count, n))
+        J, Jv = self._payload_jacobian(q, v)
+        load = mass * np.einsum("kni,ki->kn", J, Jv - self.chain.gravity_W)
+        return mass * np.einsum("kni,kmi->knm", J, J), load
 
     def _payload_jacobian(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return (K, n, 3) how the payload's centre moves with the joints, and (K, 3) its acceleration at steady v."""

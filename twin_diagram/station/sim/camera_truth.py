@@ -100,7 +100,7 @@ def true_camera(scenario: Scenario) -> TrueCamera:
     colour = _off(colour_lens(camera), zoom, centre + aside)
     if camera.depth is None:
         return TrueCamera(colour, X_WC, _off(colour_lens(camera), zoom, centre), X_WC, scale)
-    depth = _off(depth_lens(camera), zoom, centre)
+    depth = _off(depth_lens(camera), zoom, centre * (camera.depth.width / camera.width))
     return TrueCamera(colour, X_WC, depth, X_WC @ pose(camera.depth.X_DC).inverse(), scale / camera.depth.scale)
 
 
