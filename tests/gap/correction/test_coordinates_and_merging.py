@@ -57,6 +57,16 @@ def test_a_point_mass_has_coordinates_too() -> None:
     assert np.all(np.isfinite(wild[2]))
 
 
+@pytest.mark.parametrize(("point", "moment", "still"), [([0.1, 0.0, -0.2], 0.0, "moment"), ([0.0] * 3, 2.0, "point")])
+def test_a_force_is_refined_with_its_point_or_with_a_moment(point: list[float], moment: float, still: str) -> None:
+    """Not with both: about another point the same force has another moment."""
+    push = of(spec("external_force", [], [LINK], wrench=[5.0, 0.0, 3.0, 0.0, moment, 0.0], point=point))
+    moved = push.effect(push.start() + 1.0).parameters
+    np.testing.assert_allclose(moved["wrench"][:3], [6.0, 1.0, 4.0])
+    np.testing.assert_allclose(moved["wrench"][3:], np.array([0.0, moment, 0.0]) + (still != "moment"))
+    np.testing.assert_allclose(moved["point"], np.array(point) + (still != "point"))
+
+
 def test_an_inertia_that_cannot_be_goes_as_far_as_it_can() -> None:
     present = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     fine = np.array([1.0, 1.5, 2.0, 0.1, 0.0, 0.0])

@@ -203,6 +203,20 @@ def test_a_push_at_a_links_middle_is_told_there() -> None:
     np.testing.assert_allclose(told["wrench"][0], [60.0, -40.0, 50.0, 0.0, 0.0, 0.0], rtol=0.02)
 
 
+def test_a_push_at_another_point_of_a_link_is_told_there() -> None:
+    """With the errors of its point; a neighbour's origin explained some of it."""
+    body, point, force = 4, np.array([0.12, 0.08, -0.15]), np.array([12.0, -8.0, 10.0])
+    wrench = external_force.external_forces(terms())[2 * body + 1]
+    there = external_force.force_at(wrench, external_force.turned(terms(), body), point)
+    torque = there.columns @ force * active(terms(), (0, 4.0), (0, 6.5))[:, None]
+    bench, made = proposed(torque, [], "forces")
+    best = max(made, key=lambda k: bench.solve(frozenset({k})).evidence)
+    told = bench.candidates[best].parameters(*bench.part(bench.solve(frozenset({best})), best))
+    assert bench.candidates[best].links == wrench.links
+    assert np.all(np.abs(told["point"][0] - point) < 4.0 * told["point"][1]) and np.max(told["point"][1]) < 0.05
+    assert np.all(np.abs(told["wrench"][0][:3] - force) < 4.0 * told["wrench"][1][:3])
+
+
 def test_a_push_must_be_worth_its_name_and_its_span() -> None:
     """Sixteen nats beside the choice among 64² spans, for the best of them."""
     forces = external_force.external_forces(terms())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate, Values, transformed
 from twin_diagram.gap.candidates.given_link import link_inertia
-from twin_diagram.gap.candidates.merging import beside
+from twin_diagram.gap.candidates.merging import Parameters, beside
 from twin_diagram.gap.candidates.records import EffectRecord, Wakes, register
 from twin_diagram.gap.candidates.whole_arm import mass_scale, reach
 from twin_diagram.gap.residuals.prepared_logs import Record
@@ -161,6 +162,12 @@ def _force(wrench: Candidate, point: Array) -> Candidate:
     )
 
 
+def fixed(parameters: Parameters) -> dict[str, Sequence[int]]:
+    """Return what of a push is not refined: a force's moment where its point was found; else the point."""
+    alone = np.any(parameters.get("point", [])) and not np.any(parameters["wrench"][3:])
+    return {"wrench": range(3, 6)} if alone else {"point": range(3)}
+
+
 def sentence(effect: Effect) -> str:
     """Return its wrench, and when it acts."""
     fx, fy, fz, mx, my, mz = effect.value("wrench")
@@ -184,7 +191,7 @@ register(
         once=True,
         merge=beside,
         per_joint=False,
-        fixed=frozenset({"point"}),
+        fixed=fixed,
         wakes=frozenset({Wakes.TIME}),
     )
 )

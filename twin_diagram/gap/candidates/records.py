@@ -9,12 +9,12 @@ makes one of its class.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
 from twin_diagram.gap.candidates.candidate import Candidate
-from twin_diagram.gap.candidates.merging import Merge, beside
+from twin_diagram.gap.candidates.merging import Merge, Parameters, beside
 from twin_diagram.gap.candidates.wording import name_and_place
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.model.effects import REGISTRY, Effect
@@ -89,7 +89,8 @@ class EffectRecord:
         adds: parameters that may be negative as differences.
         logarithmic: parameters whose logarithm is refined: their size is what matters.
         untold: parameters that may be left to their defaults, and are not reported.
-        fixed: parameters that are told, and not looked for: a choice, as of the point about which a wrench is told.
+        fixed: which numbers of which parameters stay as they were found: a choice, as of the point about which a wrench
+            is told.
         held: parameters that stay above half of what they were found to be.
         scanned: parameter on which torques depend so steeply that a step from a rough value may lead astray.
         sharp: whether it knocks, so that samples must not be thinned.
@@ -149,7 +150,7 @@ class EffectRecord:
     adds: frozenset[str] = frozenset()
     logarithmic: frozenset[str] = frozenset()
     untold: frozenset[str] = frozenset()
-    fixed: frozenset[str] = frozenset()
+    fixed: Callable[[Parameters], Mapping[str, Sequence[int]]] = lambda parameters: {}
     held: frozenset[str] = frozenset()
     scanned: str = ""
     sharp: bool = False

@@ -159,9 +159,10 @@ class Coordinates:
         return replace(self.spec, parameters=parameters)
 
     def _free(self) -> list[tuple[list[float], Any]]:
-        result = []
+        result, fixed = [], record_of(self.spec.name).fixed(self.spec.parameters)
         for key, values in self.spec.parameters.items():
-            free = np.full(len(values), key not in record_of(self.spec.name).fixed)
+            free = np.full(len(values), True)
+            free[list(fixed.get(key, ()))] = False
             if key == "curve":
                 free[: len(values) // 2] = False
             result.append((values, free))

@@ -22,6 +22,7 @@ from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
+from twin_diagram.gap.search.push_points import at_their_points
 from twin_diagram.gap.search.scoring import basis, score_candidate
 from twin_diagram.model.effects.ripple import TorqueRipple
 from twin_diagram.signals.arrays import Array
@@ -203,13 +204,28 @@ class Proposer:
             score = float(scores[best]) - 2.0 * np.log(TUNING.blocks) - candidate.cost
             if score > PRIOR_COSTS.new_name + TUNING.worth:
                 found.append((score, index, int(pairs[best, 0]), int(pairs[best, 1])))
-        made = []
-        for _, index, i, k in sorted(found, reverse=True)[:4]:
-            made.append(bench.add(self._spanned(bench, Q, projected, index, edges, i, k)))
-        return made
+        likeliest = sorted(found, reverse=True)[:4]
+        made = [self._spanned(bench, Q, projected, index, i, k, edges) for _, index, i, k in likeliest]
+        return [bench.add(candidate) for candidate in self._pointed(bench, Q, projected, made)]
+
+    def _pointed(self, bench: Bench, Q: Array, projected: Array, made: list[Candidate]) -> list[Candidate]:
+        """Return pushes, or, where a force at another point of a link suits better, the best two of either kind."""
+        if not made or self._forces is None:
+            return made
+        acts = active(self.terms, made[0].onset, made[0].end)
+        wrenches = [force for force in self._forces if force.size > 3]
+        points = at_their_points(bench, self.terms, Q, projected, wrenches, made[0], acts)
+
+        def worth(candidate: Candidate) -> float:
+            return score_candidate(bench, candidate, Q, projected) - candidate.cost
+
+        points = sorted(points, key=worth, reverse=True)[:2]
+        if not points or worth(points[0]) <= max(map(worth, made)):
+            return made
+        return [*points, *sorted(made, key=worth, reverse=True)[:2]]
 
     def _spanned(
-        self, bench: Bench, Q: Array, projected: Array, index: int, edges: npt.NDArray[np.int64], i: int, k: int
+        self, bench: Bench, Q: Array, projected: Array, index: int, i: int, k: int, edges: npt.NDArray[np.int64]
     ) -> Candidate:
         """Return a wrench over its best span of samples near two blocks' starts."""
         assert self._forces is not None
