@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState, plain
@@ -69,6 +70,24 @@ def test_resuming_touches_nothing_that_others_keep_in_the_folder(tmp_path: Path)
     assert left == foreign | {"state.npz", "scenario.yaml"}
 
 
+def test_a_run_goes_on_whose_scenario_was_written_before_there_were_all_of_todays_fields(tmp_path: Path) -> None:
+    record, _ = filled(tmp_path / "run")
+    kept = record.folder / "scenario.yaml"
+    whole = yaml.safe_load(kept.read_text())
+    del whole["replay"]["torque_constants"], whole["twin"]["camera"]
+    kept.write_text(yaml.dump(whole))
+    assert len(LearningRecord(record.folder, Scenario()).resume().learned) == 1
+    for text, why in (
+        (kept.read_text().replace("seed: 0", "seed: 5"), "'seed: 5' there, 'seed: 0' here"),
+        ("nobody_knows: 1", "nobody_knows"),
+        ("a: [", "scenario.yaml is none"),
+    ):
+        kept.write_text(text)
+        with pytest.raises(LearningError, match=why) as error:
+            LearningRecord(record.folder, Scenario()).resume()
+        assert "\n" not in str(error.value)
+
+
 def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
     filled(tmp_path / "run")
     (tmp_path / "theirs").mkdir()
@@ -84,7 +103,7 @@ def test_refusals_are_one_line_and_write_nothing(tmp_path: Path) -> None:
         (tmp_path / folder / name).parent.mkdir(parents=True)
         (tmp_path / folder / name).write_text("# theirs\n")
     for call, words in (
-        (LearningRecord(tmp_path / "run", other).resume, "another scenario"),
+        (LearningRecord(tmp_path / "run", other).resume, r"another scenario \('seed: 0' there, 'seed: 77' here\)"),
         (LearningRecord(tmp_path / "none", Scenario()).resume, "no run to go on with"),
         (lambda: LearningRecord(tmp_path / "none", Scenario()).alone(new=False).__enter__(), "no run to go on with"),
         (LearningRecord(tmp_path / "run", Scenario()).begin, "--resume goes on"),

@@ -104,6 +104,23 @@ def test_a_new_run_holds_its_folder_until_it_ends(tmp_path: Path, monkeypatch: p
     assert len(ran) == 2
 
 
+def test_a_disk_that_fills_up_on_the_way_is_told_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Writer:
+        def __init__(self, tools: object, record: LearningRecord, state: RunState, say: object) -> None:
+            self.record, self.state = record, state
+
+        def run(self) -> None:
+            self.record.save(self.state)
+            (self.record.folder / "events.jsonl").symlink_to("/dev/full")
+            self.record.event(stage="camera")
+
+    monkeypatch.setattr(start, "tools_of", lambda *_: SimpleNamespace(cell=SimpleNamespace(observer=None)))
+    monkeypatch.setattr(start, "Learner", Writer)
+    with pytest.raises(LearningError, match=r"--out .*/run: No space left on device; .*--resume goes on") as error:
+        learn(changed(), tmp_path / "run")
+    assert "\n" not in str(error.value) and (tmp_path / "run" / "state.npz").is_file()
+
+
 @pytest.mark.parametrize("fault", ["", "shape", "asset"])
 def test_again_keeps_what_was_told_and_an_asset_that_cannot_be_made_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str

@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
 from zipfile import BadZipFile
@@ -22,7 +23,7 @@ from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.one_at_work import one_at_work
 from twin_diagram.runtime.output_place import why_not
 from twin_diagram.scenario import Scenario
-from twin_diagram.scenario.file import dump_scenario
+from twin_diagram.scenario.file import dump_scenario, load_scenario
 from twin_diagram.signals.arrays import Array
 
 STATE: Final = "state.npz"
@@ -179,7 +180,7 @@ class LearningRecord:
         if (self.folder / STATE).exists():
             raise LearningError(f"--out {self.folder}: there is a run in it; --resume goes on with it")
         # Of a run that was killed before its first state events and scenario are there; no arm was swung by then.
-        begun = (self.folder / SCENARIO).exists() and self._is_of_this()
+        begun = (self.folder / SCENARIO).exists() and self._text() == self._told
         for name in (SWUNG, GALLERY) if begun else (SWUNG, GALLERY, EVENTS, SCENARIO):
             self._refuse(self.folder / name)
         for parent in (self.folder / OBJECTS, self.library):
@@ -188,9 +189,23 @@ class LearningRecord:
                     self._refuse(path)
         self._check_room()
 
-    def _is_of_this(self) -> bool:
-        """Return whether the folder's scenario is that of this run."""
-        return (self.folder / SCENARIO).read_text(encoding="utf-8", errors="replace") == self._told
+    def _text(self) -> str:
+        """Return the folder's scenario as it was written."""
+        return (self.folder / SCENARIO).read_text(encoding="utf-8", errors="replace")
+
+    def _other(self) -> str:
+        """Return in words how the folder's scenario is another one than this run's; "": it is not.
+
+        One that was written before there were all of today's fields has what these are by default.
+        """
+        if self._text() == self._told:
+            return ""
+        try:
+            kept = dump_scenario(load_scenario(self.folder / SCENARIO))
+        except TwinError as error:
+            return f"its {SCENARIO} is none: {error}"
+        lines = zip_longest(kept.splitlines(), self._told.splitlines(), fillvalue="nothing")
+        return next((f"{there.strip()!r} there, {here.strip()!r} here" for there, here in lines if there != here), "")
 
     def _refuse(self, path: Path) -> None:
         """Refuse a folder in which something is that this run would write over."""
@@ -209,8 +224,10 @@ class LearningRecord:
         if why := why_not(self.folder, folder=True):
             raise LearningError(f"--out {self.folder}: {why}")
         self._check_room()
-        if not self._is_of_this():
-            raise LearningError(f"--out {self.folder}: a run of another scenario; give it that one, or another --out")
+        if other := self._other():
+            raise LearningError(
+                f"--out {self.folder}: a run of another scenario ({other}); give its own {SCENARIO}, or another --out"
+            )
 
     def resume(self) -> RunState:
         """Return the state that a run was left in.

@@ -75,7 +75,8 @@ def learn(
 
     Raises:
         ScenarioError, ModelError: a cell that cannot be.
-        LearningError: a folder that cannot be written, is another run's, or has another process at work in it.
+        LearningError: a folder that cannot be written, at the start or later, is another run's, or has another process
+            at work in it.
         Stopped: a signal came; the state is that before the object in hand.
     """
     learning = check_cell(scenario)
@@ -92,8 +93,12 @@ def learn(
             state = record.begin()
         contacts = ContactCount(partial(record.event, stage="contact"))
         tools.cell.observer = Watchers(contacts, observer)
-        with stopping.steps():
-            Learner(tools, record, state, say).run()
+        try:
+            with stopping.steps():
+                Learner(tools, record, state, say).run()
+        except OSError as error:  # of a disk that is full the system names no file
+            why = f"{error.filename or f'--out {out}'}: {error.strerror or error}"
+            raise LearningError(f"{why}; once that is mended, --resume goes on with the run") from error
         say(f"contacts that no step asked for: {record.unasked()}")
     return state
 
