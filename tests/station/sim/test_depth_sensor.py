@@ -53,3 +53,9 @@ def test_reflective_surfaces_alone_are_lost_or_too_deep() -> None:
     lost, deep = found[:, :320] == 0.0, found[:, :320] > 1.001
     assert lost.mean() == pytest.approx(0.3, abs=0.08) and deep.mean() == pytest.approx(0.3, abs=0.08)
     assert 1.005 - 1e-4 <= found[:, :320][deep].min() and found.max() <= 1.03 + 1e-4
+
+
+@pytest.mark.parametrize(("depth", "seen"), [(0.19, False), (0.21, True), (2.99, True), (3.01, False)])
+def test_the_range_ends_where_it_is_told(depth: float, seen: bool) -> None:
+    found = measured(np.full((LENS.height, LENS.width), depth, np.float32), QUIET)
+    assert bool((found > 0.0).all()) == bool((found > 0.0).any()) == seen
