@@ -132,6 +132,7 @@ class TwinDiagram:
         """Filter, monitors and planner go on with another model; 0 is the one that the twin was built with.
 
         Where its encoders' offsets are others, all that is remembered as angles counts anew: the arm stays where it is.
+        Systems that remember angles have a method `recount`, one's own may have one, too.
 
         Args:
             context: of `diagram`, between two steps of a simulator; other Contexts stay as they are.
@@ -140,11 +141,9 @@ class TwinDiagram:
         for system in self._model_users:
             system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
         change = np.zeros(0) if self.door is None else self.door.move(context, number)
-        if change.any():
-            users: list[AdaptiveEkf | Mpc | StopMonitor | Preview | None] = [self.ekf, self.mpc, self.monitor]
-            for user in [*users, self.preview]:
-                if user is not None:
-                    user.recount(self.diagram.GetMutableSubsystemContext(user, context), change)
+        for system in self.diagram.GetSystems() if change.any() else ():
+            if hasattr(system, "recount"):
+                system.recount(self.diagram.GetMutableSubsystemContext(system, context), change)
 
     def add_asset(self, asset: Asset | str | Path, name: str | None = None) -> int:
         """Take in an asset that the library does not hold; answer its number. No Context uses it yet.
