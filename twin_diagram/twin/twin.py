@@ -72,11 +72,11 @@ class TwinDiagram:
         mass_index: of the payload's mass in `parameters`; None where none is learned.
         fused: sensors that the filter fuses besides the arm's own.
         preview: foresees the arm.
-        ekf, drift, mpc: the systems that use the model; a corrected one reaches them as `ModelUser` says. `mpc` is None
-            where a controller of the user's own stands in its place.
+        ekf, drift, mpc, monitor: the systems that use the model; a corrected one reaches them as `ModelUser` says.
+            `mpc` is None where a controller of the user's own stands in its place; `monitor`, which stops the arm in
+            time, where it is told to have none.
         health: the system that says what the twin lacks.
         runner: the system that runs the steps of its task; None where it has none.
-        monitor: the system that stops the arm in time; None where it is told to have none.
         added: assets that came later; see `add_asset`.
         door: takes encoders' offsets off; None where none was known and the twin does not mend its model.
     """
@@ -105,9 +105,9 @@ class TwinDiagram:
         return f"TwinDiagram({known}, parameters={list(self.parameter_names)})"
 
     @property
-    def _model_users(self) -> list[AdaptiveEkf | DriftMonitor | Mpc]:
+    def _model_users(self) -> list[AdaptiveEkf | DriftMonitor | Mpc | StopMonitor]:
         """The systems that a corrected model reaches; a user's own controller is not one of them."""
-        return [self.ekf, self.drift, *([self.mpc] if self.mpc is not None else [])]
+        return [self.ekf, self.drift, *(user for user in (self.mpc, self.monitor) if user is not None)]
 
     def add_model(self, model: Model) -> int:
         """Take in a corrected model of the same arm; answer its number. No Context uses it yet.
@@ -129,9 +129,10 @@ class TwinDiagram:
         return numbers.pop()
 
     def use_model(self, context: Context, number: int) -> None:
-        """Filter, monitor and planner go on with another model; 0 is the one that the twin was built with.
+        """Filter, monitors and planner go on with another model; 0 is the one that the twin was built with.
 
         Where its encoders' offsets are others, all that is remembered as angles counts anew: the arm stays where it is.
+        Systems that remember angles have a method `recount`, one's own may have one, too.
 
         Args:
             context: of `diagram`, between two steps of a simulator; other Contexts stay as they are.
@@ -140,11 +141,9 @@ class TwinDiagram:
         for system in self._model_users:
             system.use_model(self.diagram.GetMutableSubsystemContext(system, context), number)
         change = np.zeros(0) if self.door is None else self.door.move(context, number)
-        if change.any():
-            users: list[AdaptiveEkf | Mpc | StopMonitor | Preview | None] = [self.ekf, self.mpc, self.monitor]
-            for user in [*users, self.preview]:
-                if user is not None:
-                    user.recount(self.diagram.GetMutableSubsystemContext(user, context), change)
+        for system in self.diagram.GetSystems() if change.any() else ():
+            if hasattr(system, "recount"):
+                system.recount(self.diagram.GetMutableSubsystemContext(system, context), change)
 
     def add_asset(self, asset: Asset | str | Path, name: str | None = None) -> int:
         """Take in an asset that the library does not hold; answer its number. No Context uses it yet.

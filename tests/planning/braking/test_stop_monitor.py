@@ -364,16 +364,19 @@ def test_a_heavy_load_takes_longer_to_stop(model: Model, twin: scenario.Twin, li
     truth = Model.load(replace(ARM, effects=[carries]))
     start, v = np.array([0.0, 0.9, 0.0, -1.2, 0.0, 2.1, 0.785]), 0.6 * np.eye(N)[1]
     share = []
-    for payload in (np.array([mass, *(mass * com)]), np.zeros(4)):
+    for learnt, corrected in ((True, False), (False, True), (False, False)):
+        payload = learnt * np.array([mass, *(mass * com)])
         given = {"plan_time": late(0.1, 5.0), "parameters": lambda t, payload=payload: payload}
         rig = Rig(model, twin, library, lambda t: start + v * t, **given)
+        if corrected:
+            rig.monitor.use_model(rig.context, rig.monitor.add_model(truth))
         rig.run(0.3)
         stop = rig.monitor.remembered(rig.context).stop
         np.testing.assert_allclose(stop.v0, v, atol=1e-6)
         torque = truth.inverse_dynamics(stop.q0, stop.v0, -stop.v0 / stop.time)
         share.append(float(np.max(np.abs(torque) / model.effort_limit)))
-    assert twin.stop_monitor is not None and share[1] > 1.25
-    assert share[0] == pytest.approx(twin.stop_monitor.torque_share, abs=0.005)
+    assert twin.stop_monitor is not None and share[2] > 1.25
+    assert share[:2] == pytest.approx([twin.stop_monitor.torque_share] * 2, abs=0.005)
 
 
 def test_a_clock_may_begin_at_any_time(model: Model, twin: scenario.Twin, library: dict[str, Asset]) -> None:

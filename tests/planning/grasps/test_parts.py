@@ -180,7 +180,7 @@ def test_the_search_around_a_pose_turns_to_the_normals_about_what_is_held() -> N
     turn = rotations.matrix(rotations.exp(np.array([0.0, 0.0, 0.15])))
     found = judge(box_target(0.05, 0.08, 0.16, 20000), PANDA_HAND, turn[None] @ DOWN, np.array([[0.004, 0.01, 0.06]]))
     assert found.code[0] == 0
-    R, p = _neighbours(box_target(0.05, 0.08, 0.16), PANDA_HAND, found, 1.0)
+    R, p = _neighbours(box_target(0.05, 0.08, 0.16), found, 1.0)
     assert np.abs(R[0, :2, 0, 1]) == pytest.approx(1.0, abs=1e-3)  # square to the sides now
     assert R[0, 2] == pytest.approx(found.R[0])
     held = found.closing.contact[0].mean(axis=0) * [0, 0, 1]

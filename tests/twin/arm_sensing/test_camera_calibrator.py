@@ -99,3 +99,35 @@ def test_an_arm_at_rest_alone_is_looked_at(calibrator: CameraCalibrator) -> None
     fresh = calibrator.CreateDefaultContext()
     assert calibrator.samples(np.array(fresh.get_discrete_state(0).value())) == []
     assert not calibrator.HasAnyDirectFeedthrough()
+
+
+def test_where_encoders_were_off_the_camera_is_found_anew() -> None:
+    """Images of an arm that was 20 mrad elsewhere than was thought say that the camera is off; it is not."""
+    plan = load_scenario("real_camera").twin
+    assert plan.camera is not None
+    calibrator = CameraCalibrator(plan.arm, plan.camera, Perception())
+    parts, told = calibrator._parts, Pinhole.from_scenario(plan.camera)
+    q, off = np.array(plan.home), 0.02 * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, 0.0])
+    points, numbers = [], []
+    for k, (R, p) in enumerate(parts.poses(q)):
+        own, normals = parts._surfaces[k][1] @ R.T + p, parts._surfaces[k][2] @ R.T
+        seen = np.einsum("ni,ni->n", normals, told.p_WC - own) > 0.5 * np.linalg.norm(told.p_WC - own, axis=1)
+        points.append(own[seen][:40])
+        numbers.append(np.full(len(points[-1]), k))
+    u, v, z = told.project(np.concatenate(points))
+    pixels = np.column_stack([u, v])
+    context = calibrator.CreateDefaultContext()
+    kept = np.zeros(1 + TUNING.images * calibrator._row)
+    for k in range(3):
+        view = ArmView(q + off, np.zeros(7), pixels, z, np.concatenate(numbers))
+        kept[1 + k * calibrator._row :][: calibrator._row] = calibrator._packed(view)
+    kept[0] = 3
+    context.SetDiscreteState(0, kept)
+    calibrator.recount(context, np.zeros(7))
+    wrong = np.array(calibrator.GetOutputPort("calibration").Eval(context))[:SIZE]
+    calibrator.recount(context, -off)
+    right = np.array(calibrator.GetOutputPort("calibration").Eval(context))[:SIZE]
+    J = point_shifts((PLACES - told.p_WC) @ told.R_WC, told.R_WC, told.fx, told.fy)
+    assert np.linalg.norm(J @ wrong, axis=1).max() > 0.003, "it shows things aside by so much, and nobody knows"
+    assert np.linalg.norm(J @ right, axis=1).max() < 3e-4
+    np.testing.assert_allclose(calibrator.samples(np.array(context.get_discrete_state(0).value()))[2].q, q, atol=1e-12)

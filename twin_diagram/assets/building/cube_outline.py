@@ -88,7 +88,7 @@ def _looks(view: DepthView, cube: Cube) -> tuple[float, float] | None:
     shown = view.rgb[low[1] : high[1] + 1, low[0] : high[0] + 1] / 255.0
     inside = _raster(hull - low, shown.shape[:2])
     green = _at(is_green(shown), inside)
-    if green is None or _at_border(green, low, high, (width, height)):
+    if green is None or _at_border(green, low, (width, height)):
         return None
     share = _covered(shown, green)
     ratio = float(np.sqrt(share.sum() / expected))
@@ -109,7 +109,7 @@ def _at(green: Mask, inside: npt.NDArray[np.float64]) -> Mask | None:
     return ndimage.binary_fill_holes(label == int(np.argmax(sizes))) if sizes.any() else None
 
 
-def _at_border(green: Mask, low: Array, high: Array, size: tuple[int, int]) -> bool:
+def _at_border(green: Mask, low: Array, size: tuple[int, int]) -> bool:
     rows, columns = np.nonzero(green)
     left, top = columns.min() + low[0], rows.min() + low[1]
     right, bottom = columns.max() + low[0], rows.max() + low[1]

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.model.model import Model
+from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.braking import brake_state
 from twin_diagram.planning.braking.brake_state import BrakeMode, BrakeState, Cause
 from twin_diagram.planning.braking.drake_distances import DrakeDistances
@@ -52,7 +53,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-class StopMonitor(LeafSystem):
+class StopMonitor(ModelUser[Model]):
     """Passes the planner's commands on while the arm could still stop in time, and else stops it.
 
     .. pydrake_system::
@@ -97,7 +98,7 @@ class StopMonitor(LeafSystem):
     Rate: looks at `stop_monitor.rate`, a periodic discrete update; in between, commands pass as they come, but no
     farther off where they were heading than `jump`. Latency of a stop: a period, and `delay` until the arm follows.
 
-    State: one discrete vector, see `brake_state.BrakeState`.
+    State: one discrete vector, see `brake_state.BrakeState`. A corrected model's torques count, as `Mpc` has them.
     """
 
     def __init__(
@@ -126,11 +127,12 @@ class StopMonitor(LeafSystem):
         self.set_name("stop_monitor")
         assert twin.stop_monitor is not None
         self._params: Final = twin.stop_monitor
-        self._model: Final = model
+        self._begin_with(model)
         self._n: Final = len(model.joints)
         self._speed: Final = np.where(np.isfinite(model.velocity_limit), model.velocity_limit, np.pi)
         self._effort: Final = np.where(model.effort_limit > 0.0, model.effort_limit, np.inf)
-        self._acceleration: Final = _acceleration(model, twin, self._speed)
+        told, planner = self._params.acceleration, twin.planner
+        self._acceleration: Final = _untold(model, planner, self._speed) if told is None else np.full(self._n, told)
         further, things = twin.slots.further(len(library)), twin.slots.unknown
         self._near: Final = DrakeDistances(twin.arm, twin.fixtures, library, further, things, packages)
         self._radii = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
@@ -199,6 +201,9 @@ class StopMonitor(LeafSystem):
         braking = state.mode == BrakeMode.BRAKE
         seconds = state.braked + (now - state.stop_start if braking else 0.0)
         return {"count": int(state.brakes), "seconds": round(seconds, 4), "braking": braking}
+
+    def _make(self, model: Model) -> Model:
+        return model
 
     def _value(self, context: Context, name: str) -> Array | None:
         port = self._in[name]
@@ -324,9 +329,8 @@ class StopMonitor(LeafSystem):
         )  # fmt: skip
 
     def _stopping_time(self, context: Context, q: Array, v: Array) -> float:
-        payload = self._carried.of(self._value(context, "parameters"))
-        more, weight = ArmTorque(self._model, self._chain, payload).of_payload(q[None], v[None])
-        mass, bias = self._model.mass_matrix(q) + more[0], self._model.bias(q, v) + weight[0]
+        arm = ArmTorque(self._in_use(context), self._chain, self._carried.of(self._value(context, "parameters")))
+        (mass,), (bias,) = arm.mass_and_load(q[None], v[None])
         return stopping_time(v, self._acceleration, mass, bias, self._params.torque_share * self._effort)
 
     def _perhaps_resume(
@@ -389,12 +393,8 @@ class StopMonitor(LeafSystem):
         return scene
 
 
-def _acceleration(model: Model, twin: scenario.Twin, speed: Array) -> Array:
-    """Return (n,) what joints are braked with at most, where torques allow [rad/s²]."""
-    told = twin.stop_monitor.acceleration if twin.stop_monitor is not None else None
-    if told is not None:
-        return np.full(len(speed), told)
-    planner = twin.planner
+def _untold(model: Model, planner: scenario.Planner, speed: Array) -> Array:
+    """Return (n,) what joints are braked with at most where nobody tells, torques allowing [rad/s²]."""
     most = np.inf if planner.acceleration is None else planner.acceleration
     plans = acceleration_limit(model, planner.velocity_share * speed, planner.torque_share)
     return np.asarray(TUNING.harder * np.minimum(most, plans))

@@ -103,7 +103,7 @@ def refine(target: GraspTarget, gripper: Gripper, found: Judged, of: Indices) ->
         if not len(best.p):
             break
         best = taken(best, np.argsort(best.score, kind="stable")[:kept_now])
-        R, p = _neighbours(target, gripper, best, 0.5 ** (len(every) // 2))
+        R, p = _neighbours(target, best, 0.5 ** (len(every) // 2))
         shape = R.shape[:2]
         R, p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
         thin = target.thinned(points)
@@ -136,7 +136,7 @@ def _best_of_each(score: Array, of: Indices, most: int) -> Indices:
     return order[rank < most]
 
 
-def _neighbours(target: GraspTarget, gripper: Gripper, best: Judged, step: float) -> tuple[Array, Array]:
+def _neighbours(target: GraspTarget, best: Judged, step: float) -> tuple[Array, Array]:
     """Return axes (K, V, 3, 3) and origins (K, V, 3) of V poses around each of K."""
     normal = best.closing.normal[:, 0] - best.closing.normal[:, 1]
     # Where a contact's side was not seen, the other one's normal alone tells.

@@ -79,24 +79,18 @@ class ArmTorque:
     def mass_and_load(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return mass matrices (K, n, n) and torques without acceleration (K, n) at positions and velocities (K, n).
 
-        The torque of a motion is M a + load.
+        The torque of a motion is M a + load. The payload counts as a point at its centre of mass.
         """
         model = self.model
         true = model.true_position(q)
         # A few samples one by one cost the plant less than all at once.
         M, load = np.array([model.calls.mass(x) for x in true]), model.law.joint_load(true, v, np.zeros_like(q))
-        carried = self.of_payload(q, v)
-        return M + carried[0], load + carried[1]
-
-    def of_payload(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return what of both is the payload's, which counts as a point at its centre of mass; see `mass_and_load`."""
-        count, n = q.shape
         mass = float(self.payload[0])
-        if not np.isfinite(self.payload).all() or mass <= TUNING.least_mass:
-            return np.zeros((count, n, n)), np.zeros((count, n))
-        J, Jv = self._payload_jacobian(q, v)
-        load = mass * np.einsum("kni,ki->kn", J, Jv - self.chain.gravity_W)
-        return mass * np.einsum("kni,kmi->knm", J, J), load
+        if np.isfinite(self.payload).all() and mass > TUNING.least_mass:
+            J, Jv = self._payload_jacobian(q, v)
+            M = M + mass * np.einsum("kni,kmi->knm", J, J)
+            load = load + mass * np.einsum("kni,ki->kn", J, Jv - self.chain.gravity_W)
+        return M, load
 
     def _payload_jacobian(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return (K, n, 3) how the payload's centre moves with the joints, and (K, 3) its acceleration at steady v."""

@@ -141,6 +141,23 @@ class CameraCalibrator(LeafSystem):
         discrete.set_value(int(self._kept), cast(Any, kept))
         discrete.set_value(int(self._estimate), cast(Any, np.concatenate([found.errors, found.covariance.ravel()])))
 
+    def recount(self, context: Context, change: Array) -> None:
+        """Count angles anew: the arm was elsewhere in all images kept, by `change` (n,) [rad], in this Context.
+
+        What they say of the camera is worked out anew from them.
+        """
+        n = self._parts.joints
+        last = np.array(context.get_discrete_state(int(self._last)).value())
+        kept = np.array(context.get_discrete_state(int(self._kept)).value())
+        last[1:] += change
+        kept[1:].reshape(-1, self._row)[:, 3 : 3 + n] += change
+        context.SetDiscreteState(int(self._last), cast(Any, last))
+        context.SetDiscreteState(int(self._kept), cast(Any, kept))
+        if samples := self.samples(kept):
+            found = calibrate(self._parts.surfaces(samples, self._table), self._alignment.camera, self._told)
+            estimate = np.concatenate([found.errors, found.covariance.ravel()])
+            context.SetDiscreteState(int(self._estimate), cast(Any, estimate))
+
     def samples(self, kept: Array) -> list[ArmView]:
         """Return what is kept of images, from its vector."""
         n = self._parts.joints
