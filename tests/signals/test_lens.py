@@ -6,7 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from twin_diagram.signals.lens import Lens, distort, distortion_derivative, straightening, undistort, unit_rays
+from twin_diagram.signals.lens import (
+    Lens,
+    distort,
+    distortion_derivative,
+    rays_through,
+    straightening,
+    undistort,
+    unit_rays,
+)
 
 BENT = Lens(64, 48, 60.0, 58.0, 30.0, 25.0, (0.1, -0.05, 0.002, -0.003, 0.01))
 
@@ -35,6 +43,8 @@ def test_the_derivative_is_that_of_each_coefficient(k: int) -> None:
 def test_rays_lead_back_to_their_pixels() -> None:
     for lens in (BENT, BENT.straight):
         rays = unit_rays(lens)
+        row, column = np.array([[3, 17], [9, 30]])
+        np.testing.assert_allclose(rays_through(lens, column, row), rays[row, column], atol=1e-9)
         assert rays.shape == (48, 64, 3) and not rays.flags.writeable and (rays[..., 2] == 1.0).all()
         u, v = lens.pixel(rays[..., 0], rays[..., 1])
         np.testing.assert_allclose(u, np.tile(np.arange(64.0), (48, 1)), atol=1e-8)

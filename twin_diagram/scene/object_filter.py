@@ -13,7 +13,6 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram import scenario
 from twin_diagram.signals import rotations
@@ -53,7 +52,6 @@ POSE_INDEX: Final = np.arange(6)
 """Of (φ, δp) in the error state."""
 VELOCITY_INDEX: Final = np.arange(6, 12)
 """Of (δω, δv) in the error state."""
-_ALL: Final = np.arange(12)  # of the error state
 
 
 class Mode(IntEnum):
@@ -163,11 +161,11 @@ def propagate(filters: Array, now: float, tuning: FilterSettings) -> ObjectBelie
     velocities = filters[:, FilterLayout.VELOCITY].copy()
     covariances: Array = filters[:, FilterLayout.COVARIANCE].reshape(count, 12, 12).copy()
 
-    # Where the hypothesis of constant velocity moves the pose: exact mean, covariance to first order.
-    # Of a turn of very many rounds, as a hostile message may ask for, rounding leaves no unit quaternion.
-    going = np.flatnonzero(coasted)
-    if going.size:  # most stand still, where nothing of this changes anything
-        _coast(poses, covariances, going, velocities[going], coasted[going, None], tuning.acceleration_density)
+    # Where the hypothesis of constant velocity moves the pose.
+    if coasted.any():
+        from twin_diagram.scene import coasting_kernels  # compiled; not with every import
+
+        coasting_kernels.coast(poses, covariances, velocities, coasted, tuning.acceleration_density)
 
     # What nobody has looked at may have been moved, all the more where it was moving.
     unseen = np.maximum(age - np.where(moving, TUNING.coast, tuning.stale_after), 0.0)
@@ -176,26 +174,6 @@ def propagate(filters: Array, now: float, tuning: FilterSettings) -> ObjectBelie
     covariances[:, POSE_INDEX, POSE_INDEX] += np.minimum(grown, TUNING.unknown_variance)
     velocities[age > TUNING.coast] = 0.0
     return ObjectBelief(poses, velocities, covariances)
-
-
-def _coast(
-    poses: Array, covariances: Array, rows: npt.NDArray[np.intp], velocities: Array, times: Array, density: Array
-) -> None:
-    """Move poses (K, 7) and covariances (K, 12, 12) of some rows on in place, by velocities (R, 6) for times (R, 1)."""
-    turn = rotations.normalized(rotations.exp(velocities[:, :3] * times))
-    poses[rows, :4] = rotations.multiply(turn, poses[rows, :4])
-    poses[rows, 4:] += velocities[:, 3:] * times
-    transition = np.zeros((len(rows), 12, 12))
-    transition[:, _ALL, _ALL] = 1.0
-    transition[:, :3, :3] = rotations.matrix(turn)
-    transition[:, POSE_INDEX, VELOCITY_INDEX] = times
-    after = transition @ covariances[rows] @ transition.transpose(0, 2, 1)
-    cross = times**2 / 2 * density
-    after[:, POSE_INDEX, POSE_INDEX] += times**3 / 3 * density
-    after[:, POSE_INDEX, VELOCITY_INDEX] += cross
-    after[:, VELOCITY_INDEX, POSE_INDEX] += cross
-    after[:, VELOCITY_INDEX, VELOCITY_INDEX] += times * density
-    covariances[rows] = after
 
 
 def statuses(filters: Array, now: float, tuning: FilterSettings) -> Array:

@@ -322,7 +322,7 @@ class SceneGraphUpdater(LeafSystem):
         tracks[:, 9:15] = belief.velocities
         held = tracks[:, 0] == ObjectStatus.HELD
         belief.poses[held] = lives[held, LifeLayout.X_WO]
-        away = np.isin(tracks[:, 0], [float(ObjectStatus.UNSEEN), float(ObjectStatus.GONE)])
+        away = (tracks[:, 0] == ObjectStatus.UNSEEN) | (tracks[:, 0] == ObjectStatus.GONE)
         tracks[:, 2:9] = np.where(away[:, None], self._parked[part], belief.poses)
         kinds = self._scene.kinds
         axes = np.zeros((len(filters), 3))

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.arrays import Array, Ints
 
 Map = npt.NDArray[np.float32]
 
@@ -130,14 +130,17 @@ def unit_rays(lens: Lens) -> Array:
 
     Not a number where the distortion has no inverse.
     """
-    x = (np.arange(lens.width) - lens.cx) / lens.fx
-    y = (np.arange(lens.height) - lens.cy) / lens.fy
-    grid_x, grid_y = np.meshgrid(x, y)
-    if lens.distortion:
-        grid_x, grid_y = undistort(grid_x, grid_y, lens.distortion)
-    rays = np.stack([grid_x, grid_y, np.ones_like(grid_x)], axis=-1)
+    rays = rays_through(lens, *np.meshgrid(np.arange(lens.width), np.arange(lens.height)))
     rays.setflags(write=False)
     return rays
+
+
+def rays_through(lens: Lens, u: Array | Ints, v: Array | Ints) -> Array:
+    """Return (…, 3) what `unit_rays` does, of the places u, v (…) alone [px]."""
+    x, y = (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy
+    if lens.distortion:
+        x, y = undistort(x, y, lens.distortion)
+    return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
 @lru_cache(maxsize=8)

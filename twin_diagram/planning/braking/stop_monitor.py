@@ -365,16 +365,22 @@ class StopMonitor(ModelUser[Model]):
             speeds.append(arm[self._n :])
         for v in speeds:
             time = self._stopping_time(context, arm[: self._n], v)
-            if self._near.speed(arm[: self._n], v) * travelled(delay + time, delay, time) < TUNING.creep:
+            reach = self._near.speed(arm[: self._n], v)
+            if reach * travelled(delay + time, delay, time) < TUNING.creep:
                 continue
             scene = scene or self._scene(context, now, arm)
-            found = found or self._along(scene, arm, v, delay, time, 0.0)
+            found = found or self._along(scene, arm, v, delay, time, 0.0, reach)
         return found
 
-    def _along(self, scene: SceneNow, arm: Array, v: Array, delay: float, time: float, spare: float) -> Breach | None:
-        """Return what would be too near along a stop from where the arm is, `spare` [m] beyond the clearance."""
+    def _along(
+        self, scene: SceneNow, arm: Array, v: Array, delay: float, time: float, spare: float, reach: float | None = None
+    ) -> Breach | None:
+        """Return what would be too near along a stop from where the arm is, `spare` [m] beyond the clearance.
+
+        `reach` is how fast any point of the arm goes at v [m/s], where that is known.
+        """
         q = arm[: self._n]
-        reach = self._near.speed(q, v)
+        reach = self._near.speed(q, v) if reach is None else reach
         if reach * travelled(delay + time, delay, time) < TUNING.creep:
             return None
 

@@ -280,7 +280,9 @@ class Forecast:
         whose track is not finite.
         """
         rows: Array = np.asarray(tracks, dtype=float).reshape(-1, TRACK_SIZE)
-        present = np.isfinite(rows).all(axis=1) & ~np.isin(rows[:, 0], [float(s) for s in _ABSENT])
+        present = np.isfinite(rows).all(axis=1)
+        for status in _ABSENT:
+            present &= rows[:, 0] != status
         rows = np.where(present[:, None], rows, 0.0)
         quaternion = rows[:, 2:6].copy()
         norm = np.linalg.norm(quaternion, axis=1)

@@ -18,16 +18,7 @@ def gravity_regressor(chain: Chain, q: Array) -> Array:
         chain: the arm.
         q: (n,) positions [rad].
     """
-    placement = chain.place(q[None])
-    X_WL = placement.X_WL[0, -1]
-    axes, origins = placement.axes_W[0], placement.origins_W[0]
-    # g · (a × r) = (g × a) · r
-    x, y, z = chain.gravity_W
-    lever = axes @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-    turning = np.empty((chain.size, 4))
-    turning[:, 0] = np.einsum("ni,ni->n", lever, X_WL[:3, 3] - origins)
-    turning[:, 1:] = lever @ X_WL[:3, :3]
-    if chain.prismatic.any():
-        sliding = np.column_stack([axes @ chain.gravity_W, np.zeros((chain.size, 3))])
-        turning = np.where(chain.prismatic[:, None], sliding, turning)
-    return -turning
+    from twin_diagram.planning.mpc import motion_kernels  # compiled; not with every import
+
+    arrays = chain.constant, chain.sine, chain.cosine, chain.linear, chain.axes_P, chain.origins_P
+    return motion_kernels.weight(np.ascontiguousarray(q, dtype=float), *arrays, chain.prismatic, chain.gravity_W)

@@ -68,14 +68,10 @@ class Trajectory:
 
     def position(self, time: float) -> Array:
         """Return (n,) position at one time; quicker than `at`."""
-        a, h = self.accelerations, self.step
-        passed = min(max((time - self.start) / h, 0.0), len(a) - 1.0)
-        i = min(int(passed), len(a) - 2)
-        s = (passed - i) * h
-        # The double integral of the accelerations: each knot up to i weighs with the area that lies before now.
-        weights = _shift(*_ramps(np.array([passed * h]), h, len(a)), h)[0]
-        result: Array = self.q0 + self.v0 * (i * h + s) + weights @ a
-        return result
+        from twin_diagram.planning.mpc import motion_kernels  # compiled; not with every import
+
+        passed = min(max((time - self.start) / self.step, 0.0), len(self.accelerations) - 1.0)
+        return motion_kernels.position(passed, self.step, self.q0, self.v0, np.ascontiguousarray(self.accelerations))
 
 
 def response(times: Array, step: float, knots: int) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.signals.layouts import ObjectStatus, Track
 from twin_diagram.signals.pose_vectors import from_matrix
@@ -20,5 +21,7 @@ def warm_up(planner: MotionPlanner) -> None:
     track = Track(ObjectStatus.MOVING, 0.0, tool, moving, 1e-6 * np.eye(6)).pack()
     tracks = np.tile(track, scene.object_count)
     memory = planner.initial(q)
+    gravity_regressor(scene.chain, q)
     for now in (0.0, 0.1):
         memory, _ = planner.tick(memory, now, np.concatenate([q, np.zeros(len(q))]), tracks, elsewhere)
+    memory.trajectory.position(0.1)

@@ -19,6 +19,7 @@ from twin_diagram.model.description.followers import Followers
 from twin_diagram.perception.calibration import KnownSurface
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.lens import rays_through
 from twin_diagram.twin.arm_sensing.link_surface import other_parts, surface_of
 
 
@@ -188,7 +189,8 @@ class ArmParts:
             smooth[tuple(ahead)] &= ~jump
             smooth[tuple(behind)] &= ~jump
         row, column = np.nonzero(smooth)
-        points = camera.p_WC + scale * z[row, column][:, None] * camera.rays(step)[row, column]
+        rays = rays_through(camera.optics, step * column, step * row) @ camera.R_WC.T
+        points = camera.p_WC + scale * z[row, column][:, None] * rays
         part = self.parts_of(points, camera.p_WC, q)
         height = points[:, 2] - table
         part[(part >= 0) & (height < TUNING.apart)] = -2

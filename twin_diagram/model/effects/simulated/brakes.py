@@ -107,8 +107,6 @@ class Brakes:
 
     def held(self, state: Array, held: Array, tau: Array, time: float) -> Array:
         """Return what it holds with in the next step."""
-        if not self.count:
-            return held
         return self._bounded(held + TUNING.gamma * self._gain * (self._along @ state[self._velocity]), tau, time)
 
     def _on(self, time: float) -> Array:

@@ -245,8 +245,9 @@ class Drive(LeafSystem):
     def _hold(self, context: Context, values: DiscreteValues) -> None:
         command = self._command_now.Eval(context)
         state = np.asarray(self._state.Eval(context))
-        held = [np.append(command.ravel(), 1.0), self._change(context)]
-        held.append(self._brakes.held(state, self._part(context, 2), self._given(context), context.get_time()))
+        held = [command.ravel(), [1.0], self._change(context)]
+        if self._brakes.count:
+            held.append(self._brakes.held(state, self._part(context, 2), self._given(context), context.get_time()))
         if self._line is not None:
             held.append(self._line.moved(self._part(context, 3), self._asked(context, command)))
         values.set_value(cast(Any, np.concatenate(held)))
