@@ -1,4 +1,4 @@
-"""Results as lines of JSON, one each: a benchmark that was killed goes on with those of the same code that are whole."""
+"""Results as lines of JSON: a benchmark that was killed goes on with those of the same code that are whole."""
 
 from __future__ import annotations
 
