@@ -109,6 +109,27 @@ def test_hypotheses_are_apart_and_likely_and_the_first_is_the_centre() -> None:
     assert [one.probability for one in found[1:]] == sorted((one.probability for one in found[1:]), reverse=True)
 
 
+@pytest.mark.parametrize("narrow_ones", [0, 1, 2])
+def test_what_is_open_one_way_is_no_likelier_for_what_is_known_along_others(narrow_ones: int) -> None:
+    """Of ten turns that look alike each is as probable, however well places are told."""
+    turns, steps = 0.3 * np.arange(-5, 5), np.zeros((11, 6))
+    turns[5:] += 0.3
+    steps[1:, 2] = turns
+    cost, along, offset = [np.zeros(11)], [np.array([-1] + [0] * 10)], [np.concatenate([[0.0], turns])]
+    for k in range(narrow_ones):
+        aside = np.zeros((2, 6))
+        aside[:, 4 + k] = -0.02, 0.02
+        steps = np.concatenate([steps, aside])
+        cost, along, offset = [*cost, np.full(2, 30.0)], [*along, np.full(2, 1 + k)], [*offset, aside[:, 4 + k]]
+    start = Poses(np.eye(3)[None], np.zeros((1, 3)))
+    poses = Poses(np.repeat(start.R, len(steps), axis=0), np.repeat(start.p, len(steps), axis=0)).moved(steps)
+    ways = [np.eye(6)[2], *(np.eye(6)[4 + k] for k in range(narrow_ones))]
+    laid = Profile(poses, np.concatenate(cost), np.concatenate(along), np.concatenate(offset), ways)
+    found = distinct(laid, start, 1e-6 * np.eye(6), 1e-4 * np.eye(6))
+    assert len(found) == 11
+    assert found[0].probability == pytest.approx(0.1, rel=0.05)
+
+
 def test_slides_are_told_by_edges() -> None:
     """A box aside of where it stands leaves a part of the image unexplained, and the camera sees past it."""
     view, asset = camera(), Asset.load(models_dir() / "objects" / "sugar_box")

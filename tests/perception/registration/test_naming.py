@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -68,6 +69,22 @@ def test_a_grey_box_is_told_by_its_shape_and_a_stretched_one_is_another_in_any_c
     assert told[False, False].probability > 0.95
     assert told[True, True].probability < 0.1 and told[True, False].probability < 0.5
     assert is_another(told[True, True]) or told[True, True].odds < -1.0
+
+
+@pytest.mark.parametrize("stretched", [False, True])
+def test_holes_of_depth_along_a_things_edges_hide_none_of_its_size(box: Known, stretched: bool) -> None:
+    """Where what lies flat meets the table depth has no holes: those edges tell nothing of the others."""
+    upright = standing(box, STRETCH if stretched else np.ones(3))
+    flat = yawed(1.2) @ np.roll(np.eye(3), -1 - int(np.argmin(upright.asset.size)), axis=0)
+    thing = replace(upright, R=flat, p=np.array([0.5, 0.0, upright.asset.size.min() / 2]))
+    rgb, depth, _ = picture(camera(), [thing], np.random.default_rng(1901))
+    square = np.ones((3, 3))
+    edge = cv2.dilate(depth, square) - cv2.erode(depth, square) > 0.02
+    segments = segment(np.full_like(rgb, 128), np.where(edge, 0.0, depth), 1.0, Grid.of(camera(), 2), ROOM)
+    view = View(segments, Frame.of(segments), PARAMS, 60)
+    told = naming(box, view, at(box, thing, view))
+    assert told.looks == 1
+    assert told.probability < 0.3 if stretched else told.probability > 0.7
 
 
 @pytest.mark.parametrize("grey", [False, True])

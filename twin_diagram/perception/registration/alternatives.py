@@ -297,26 +297,41 @@ def distinct(found: Profile, centre: Poses, narrow: Array, wide: Array) -> tuple
     """
     between = narrow + np.diag(np.square(np.repeat(TUNING.apart, 3) / 2.0))
     poses = Poses(np.concatenate([centre.R, found.poses.R[1:]]), np.concatenate([centre.p, found.poses.p[1:]]))
-    share = np.zeros(len(found.cost))
-    share[0] = 0.0 if found.directions else 1.0
-    for k in range(len(found.directions)):
-        on = np.flatnonzero((found.along == k) | (found.along == -1))
-        on = on[np.argsort(found.offset[on])]
-        share[on] = np.maximum(share[on], weights(found.cost[on], found.offset[on]))
-    chosen, mass = [0], [float(share[0])]
-    for number in np.argsort(-share, kind="stable"):
+    ratio, likely = beside_centre(found, np.array([k == 0 or not _apart(poses, k, 0) for k in range(len(found.cost))]))
+    chosen, mass = [0], [1.0]
+    for number in np.argsort(-ratio[1:], kind="stable") + 1:
         k = int(number)
         near = [j for j, one in enumerate(chosen) if not _apart(poses, k, one)]
         if near:
-            mass[near[0]] += float(share[k]) if k else 0.0
-        elif share[k] > TUNING.likely:
+            mass[near[0]] += float(ratio[k])
+        elif likely[k]:
             chosen.append(k)
-            mass.append(float(share[k]))
-    whole = max(sum(mass), 1e-12)
+            mass.append(float(ratio[k]))
+    whole = sum(mass)
     order = [0, *sorted(range(1, len(chosen)), key=lambda j: -mass[j])]
     return tuple(
         PoseHypothesis(poses.R[chosen[j]], poses.p[chosen[j]], between if j else wide, mass[j] / whole) for j in order
     )
+
+
+def beside_centre(found: Profile, near: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Return (K,) how much likelier each pose of a profile is than its centre and what is near it, and what counts.
+
+    What is left open along one direction says nothing of another: a pose off along one of them is as probable as what
+    is near the centre along all others. Each direction has a say of its own, so, and the widest does not drown.
+
+    Args:
+        found: the profile.
+        near: (K,) which poses the centre stands for; their ratio is 0, as it is counted already.
+    """
+    ratio, likely = np.zeros(len(found.cost)), np.zeros(len(found.cost), dtype=bool)
+    for k in range(len(found.directions)):
+        on = np.flatnonzero((found.along == k) | (found.along == -1))
+        on = on[np.argsort(found.offset[on])]
+        share = weights(found.cost[on], found.offset[on])
+        ratio[on] = np.where(near[on], 0.0, share / max(float(share[near[on]].sum()), 1e-6))
+        likely[on] = share > TUNING.likely
+    return ratio, likely
 
 
 def _apart(poses: Poses, first: int, second: int) -> bool:

@@ -155,9 +155,7 @@ def outline(model: ModelCloud, frame: Frame, segments: Segments, one: Registered
     seen, tall, before, hidden = _shown(segments, own, low, float(np.median(z)), (slice(r0, r1), slice(c0, c1)))
     outside = _share(~ours, tall)
     missed = _share(~seen, ours & ~hidden)
-    at, index = _edge(ours, before, hidden, spot)
-    up = height[index] > rim
-    at, index = at[up], index[up]
+    at, index = _edge(ours, before, hidden, spot, height > rim)
     if len(at) < TUNING.fewest:
         return None
     inward = _signed(ours)
@@ -218,25 +216,31 @@ def _opened(mask: Mask) -> Mask:
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0)
 
 
-def _edge(ours: Mask, before: Mask, hidden: Mask, spot: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _edge(
+    ours: Mask, before: Mask, hidden: Mask, spot: Array, high: Mask
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the cells (E, 2) of the model's outline, row and column, that nothing hides, and its points nearest them.
+
+    Those by points that are `high`: where a thing meets the table depth has no holes, and tells nothing of other edges.
 
     Args:
         ours: (h, w) the cells that the model covers.
         before: (h, w) those where something stands before it.
         hidden: (h, w) the same with single pixels without depth: a shadow's, or an edge's if all of it has them.
         spot: (P, 2) column and row of its points.
+        high: (P,) those above the lower rim.
     """
     # Where the picture ends, the outline does not.
     inner = cv2.erode(ours.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
     whole = ours & (inner == 0)
-    near = [cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 for mask in (hidden, before)]
-    lit, all_ = (np.argwhere(whole & ~mask) for mask in near)
-    at = lit if len(lit) >= TUNING.lit * len(all_) else all_
+    at = np.argwhere(whole)
     if not len(at):
         return at, np.zeros(0, dtype=np.int64)
-    away = ((spot[None] - at[:, None, ::-1]) ** 2).sum(axis=2)
-    return at, np.asarray(away.argmin(axis=1))
+    index = np.asarray(((spot[None] - at[:, None, ::-1]) ** 2).sum(axis=2).argmin(axis=1))
+    near = [cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 for mask in (hidden, before)]
+    lit, every = (high[index] & ~mask[tuple(at.T)] for mask in near)
+    chosen = lit if np.count_nonzero(lit) >= TUNING.lit * np.count_nonzero(every) else every
+    return at[chosen], index[chosen]
 
 
 def _signed(mask: Mask) -> Array:
