@@ -111,7 +111,7 @@ def told_of_rests(whole: WholeRobot, logs: Sequence[Log], floor: Array) -> list[
     if not np.any(at_rest) or not np.any(shown := at_rest & (np.exp(size_of(whole.model, logs)) > most)):
         return []
     joints = ", ".join(sums.records.model.joints[k] for k in np.flatnonzero(shown))
-    return [f"{joints}: more than noise is left only at rest, where dry friction holds what no motion tells"]
+    return [f"{joints}: more than noise is left only at rest or turning back, where dry friction may hold it"]
 
 
 def places(records: Records, whole: WholeRobot) -> tuple[Place, ...]:
