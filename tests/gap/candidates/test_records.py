@@ -78,6 +78,15 @@ def test_a_class_without_a_record_says_what_it_says_of_itself(monkeypatch: pytes
     assert record_of("coulomb_friction").positive and not record_of("torque_bias").positive
 
 
+def test_a_push_without_a_moment_turns_nothing() -> None:
+    push = sentence(
+        effect("external_force", links=["hand"], wrench=[1.0, 2.0, 3.0, 0.0, 0.0, 0.0], point=[0.0, 0.1, 0.0])
+    )
+    assert push == "something pushes hand at (0, 0.1, 0) m with (1, 2, 3) N, in world axes"
+    turned = sentence(effect("external_force", links=["hand"], wrench=[1.0, 2.0, 3.0, 0.0, 4.0, 0.0], point=[0.0] * 3))
+    assert turned == "something pushes hand with (1, 2, 3) N and turns it with (0, 4, 0) N·m, in world axes"
+
+
 def test_prices_in_nats() -> None:
     """Six a name, three a further joint, six a further ripple on one, four where dry friction is of two kinds.
 

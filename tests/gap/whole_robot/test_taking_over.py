@@ -127,6 +127,24 @@ def test_the_verdict_of_the_whole_says_where_and_whether_something_is_left() -> 
     assert not as_before.remainder and "little left" not in summary(as_before)
 
 
+def test_what_friction_holds_at_rest_is_told_apart_from_noise() -> None:
+    """The residual that is reported counts rests, too; the fit leaves them out."""
+    true, whole = lacking()
+    clean = log_of(true)
+    logs = [replace(clean, torque=clean.motor_torque + 2.0 * (np.arange(6) == ELBOW))]
+    sums, floor = whole.problem.sums, np.ones(6)
+    held = (np.arange(6) == ELBOW) & (np.arange(len(sums.columns)) < 100)[:, None]
+    columns = sums.columns.copy()
+    columns[held, -1] += 50.0
+    rests = replace(sums.weighted(sums.weights * ~held), columns=columns)
+    told = replace(whole, problem=replace(whole.problem, sums=rests), fitted=0.5 * floor)
+    (said,) = taking_over.told_of_rests(told, logs, floor)
+    assert said.startswith(f"{ARM.joints[ELBOW]}: ") and "at rest" in said
+    assert not taking_over.told_of_rests(replace(whole, fitted=0.5 * floor), logs, floor)
+    assert not taking_over.told_of_rests(replace(told, fitted=2.0 * floor), logs, floor)  # in motion, too
+    assert not taking_over.told_of_rests(told, [clean], floor)  # what is reported does not show it
+
+
 def test_a_residual_at_the_noise_floor_is_no_gap() -> None:
     log = log_of(ARM)
     noise = np.random.default_rng(1).normal(size=log.position.shape)

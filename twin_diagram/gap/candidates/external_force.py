@@ -175,9 +175,9 @@ def sentence(effect: Effect) -> str:
     where = f" at ({', '.join(f'{x:.4g}' for x in point)}) m" if np.any(point) else ""
     when = "" if effect.onset is None else f" from {effect.onset:.4g} s on"
     when += "" if effect.end is None else f" until {effect.end:.4g} s"
+    turns = f" and turns it with ({mx:.4g}, {my:.4g}, {mz:.4g}) N·m" if any((mx, my, mz)) else ""
     return (
-        f"something pushes {effect.links[0]}{where} with ({fx:.4g}, {fy:.4g}, {fz:.4g}) N and turns it with "
-        f"({mx:.4g}, {my:.4g}, {mz:.4g}) N·m, in world axes{when}"
+        f"something pushes {effect.links[0]}{where} with ({fx:.4g}, {fy:.4g}, {fz:.4g}) N{turns}, in world axes{when}"
     )
 
 

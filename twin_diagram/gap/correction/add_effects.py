@@ -195,7 +195,9 @@ def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array
         apart = motions.vector[s] - torques.vector[s]
         distance = float(np.sqrt(max(0.0, float(apart @ np.linalg.pinv(a + b, hermitian=True) @ apart))))
         if distance > TUNING.alike * np.sqrt(len(apart)):
-            notes.append(f"{part.spec.name}: torques and simulated motion disagree by {distance:.1f} standard errors")
+            notes.append(
+                f"{part.spec.name}: simulated motion would have it {distance:.1f} standard errors off; torques decided"
+            )
             continue
         if np.linalg.slogdet(b)[1] < np.linalg.slogdet(a)[1]:
             vector[s] = motions.vector[s]

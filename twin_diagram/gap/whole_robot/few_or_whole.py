@@ -110,7 +110,7 @@ def looked_for(
         notes.append(COARSE)
     suffices = coarse or (whole is not None and taking_over.suffices(whole, bare.noise_floor))
     if whole is not None and (suffices if enough is None else enough):
-        notes += told_of_one_late(whole)
+        notes += told_of_whole(whole, logs, bare.noise_floor)
         left = recorded if known else None
         return Explanation(taking_over.as_named(records, bare, whole, left), whole.model, whole, whole)
     try:
@@ -133,7 +133,7 @@ def looked_for(
         verdict, corrected, _ = _corrected(given, logs, held, fewer, records, say)
     answer = Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
     # Of a search that is not the answer nothing is said.
-    notes += more if answer.whole is None else told_of_one_late(answer.whole)
+    notes += more if answer.whole is None else told_of_whole(answer.whole, logs, verdict.noise_floor)
     return answer
 
 
@@ -150,6 +150,11 @@ def why_none_alone(logs: Sequence[Log]) -> str:
         "these runs are too short, or move too little, to tell single effects apart: ten seconds in which each joint "
         "moves to and fro do; the robot was fitted as a whole"
     )
+
+
+def told_of_whole(whole: WholeRobot, logs: Sequence[Log], floor: Array) -> list[str]:
+    """Return what is said of a robot as a whole beside its names; `floor` (n,) is that of noise [N·m]."""
+    return told_of_one_late(whole) + taking_over.told_of_rests(whole, logs, floor)
 
 
 def told_of_one_late(whole: WholeRobot) -> list[str]:

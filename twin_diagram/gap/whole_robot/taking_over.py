@@ -97,6 +97,23 @@ def as_named(records: Records, verdict: Verdict, whole: WholeRobot, recorded: Ar
     return replace(named, separation=whole.separation, where=where)
 
 
+def told_of_rests(whole: WholeRobot, logs: Sequence[Log], floor: Array) -> list[str]:
+    """Return what is said of joints that leave more than noise only while dry friction may hold them.
+
+    Args:
+        whole: what was found.
+        logs: of the fit.
+        floor: (n,) of noise [N·m].
+    """
+    sums, most = whole.problem.sums, TUNING.above * floor
+    left = replace(sums, weights=np.ones_like(sums.weights)).left(whole.problem.difference(whole.coordinates))
+    at_rest = (np.sqrt(np.mean(left**2, axis=0)) > most) & (whole.fitted <= most)
+    if not np.any(at_rest) or not np.any(shown := at_rest & (np.exp(size_of(whole.model, logs)) > most)):
+        return []
+    joints = ", ".join(sums.records.model.joints[k] for k in np.flatnonzero(shown))
+    return [f"{joints}: more than noise is left only at rest or turning back, where dry friction may hold it"]
+
+
 def places(records: Records, whole: WholeRobot) -> tuple[Place, ...]:
     """Return where the given model's residual is, noise being what the robot as a whole leaves."""
     terms = Terms(records, given_load(records), slow_speed(records))
