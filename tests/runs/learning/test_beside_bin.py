@@ -11,12 +11,14 @@ from scipy import ndimage
 
 from tests.runs.learning.test_camera_check import SOLIDS, TOLD, box, camera
 from twin_diagram.runs.learning import handling
-from twin_diagram.runs.learning.beside_bin import lying, upright_points
+from twin_diagram.runs.learning.beside_bin import lying, stand_about, stand_about_rest, upright_points
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import Picture, told_camera
+from twin_diagram.runs.learning.motion import Mover, pointing, pose
 from twin_diagram.runs.learning.tipping import plan_tipping
 from twin_diagram.scenario import Learning
+from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array
 
 FACES = KnownFaces.of(SOLIDS)
@@ -56,6 +58,22 @@ def test_walls_platform_and_arm_are_no_things() -> None:
     assert lying(taken(), LEARNING, FACES, NO_ARM) == []
     arm: Any = SimpleNamespace(near=lambda points, q, margin, fingers: np.asarray(ARM.distance(points)[0]) < margin)
     assert lying(taken(ARM), LEARNING, FACES, arm) == [] != lying(taken(ARM), LEARNING, FACES, NO_ARM)
+
+
+def test_once_something_was_taken_ways_keep_clear_of_what_had_counted_as_part_of_it() -> None:
+    """Two boxes that touch are one thing; one of them is in the hand by now."""
+    twin = load_scenario("bin_picking").twin
+    mover = Mover(twin, {}, np.full(7, 2.0))
+    over = pose(pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])), np.array([0.42, -0.4, 0.075]))
+    both, left = taken(IN_BIN, box((0.42, -0.34, 0.032), (0.08, 0.06, 0.05)), BESIDE), taken(IN_BIN)
+    thing, beside = lying(both, LEARNING, FACES, NO_ARM)
+    assert thing.middle[:2] == pytest.approx([0.42, -0.37], abs=0.01) and beside.beside
+    q = mover.goals(over, np.array(twin.home))[:1]
+    cell: Any = SimpleNamespace(wait=lambda seconds: None, look=lambda name: left)
+    stand_about(mover, LEARNING, [beside])
+    assert mover.free(q, 0.002)[0]
+    stand_about_rest(mover, cell, LEARNING, [beside])
+    assert not mover.free(q, 0.002)[0]
 
 
 def test_what_lies_on_the_table_is_taken_from_there_and_not_tipped_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,6 +72,15 @@ def test_ways_keep_clear_of_what_stands_about_until_it_is_gone() -> None:
     assert mover.free(home[None], 0.01)[0]
 
 
+def test_what_is_swung_keeps_farther_from_what_stands_about_than_open_fingers_before_a_grasp() -> None:
+    twin = load_scenario("bin_picking").twin
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)[None]
+    mover.stand("here", [mover.tool(home[0])[:3, 3] - [0.0, 0.0, 0.06] + np.zeros((1, 3))], 0.0)
+    gap = float(mover.distances(home)[0, -2])
+    assert MOTION.close < gap and mover.free(home, gap + 0.01)[0]
+    assert not mover.free(home, gap + 0.001, on_purpose=False)[0] and mover.free(home, gap - 0.001, on_purpose=False)[0]
+
+
 def test_what_is_held_low_can_be_set_down_in_a_bin_and_the_way_back_leads_over_its_walls() -> None:
     """The tool's frame 12 mm over the lowest point of what it holds, which is let go 3 mm over the bottom."""
     twin = load_scenario("bin_picking").twin

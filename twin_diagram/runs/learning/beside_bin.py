@@ -11,8 +11,9 @@ from scipy import ndimage
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.runs.learning.bin_view import SeenThing, things_at, things_within
 from twin_diagram.runs.learning.camera_check import KnownFaces
-from twin_diagram.runs.learning.cell import Picture
+from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.motion import Mover
+from twin_diagram.runs.learning.steady_picture import steady_picture
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -63,6 +64,16 @@ def stand_about(mover: Mover, learning: Learning, things: Sequence[SeenThing]) -
     for where, beside in (("bin", False), ("table", True)):
         some = [thing for thing in things if thing.beside == beside]
         mover.stand(where, [thing.points for thing in some], support_of(some[0], learning) if some else 0.0)
+
+
+def stand_about_rest(mover: Mover, cell: Cell, learning: Learning, others: Sequence[SeenThing]) -> None:
+    """Keep ways clear of what lies in the bin once something was taken from it, and of what else was seen before.
+
+    What touched the thing may have counted as part of it, and what leant on it fell. The arm is not over the bin now.
+    """
+    low, high = (np.array(corner) for corner in learning.from_bin)
+    left = things_within(steady_picture(cell, learning.bin_camera), low, high)
+    stand_about(mover, learning, [*others, *left])
 
 
 def things_beside(picture: Picture, learning: Learning, faces: KnownFaces, robot: RobotShape) -> list[SeenThing]:

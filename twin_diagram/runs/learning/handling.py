@@ -17,7 +17,7 @@ from twin_diagram.logs.frames.transforms_folder import write_transforms
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.grasps import Gripper
-from twin_diagram.runs.learning.beside_bin import lying, stand_about, support_of, upright_points
+from twin_diagram.runs.learning.beside_bin import lying, stand_about, stand_about_rest, support_of, upright_points
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
@@ -103,12 +103,16 @@ class Tools:
 
 @dataclass
 class Picked:
-    """What came of a pick: what is held and the thing as it lay, or why it is not, and the tool's pose that failed."""
+    """What came of a pick: what is held and the thing as it lay, or why it is not, and the tool's pose that failed.
+
+    `others`: what else the picture shows.
+    """
 
     thing: SeenThing
     taken: Taken | None = None
     why: str = ""
     failed: Array | None = None
+    others: list[SeenThing] = field(default_factory=list)
 
 
 @dataclass
@@ -182,7 +186,7 @@ def pick(tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed:
         return Picked(thing, why="the fingers held nothing", failed=reach.X_WT)
     stand_about(tools.mover, tools.learning, others)
     tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
-    return Picked(thing, taken)
+    return Picked(thing, taken, others=others)
 
 
 def show_first(tools: Tools, picked: Picked) -> ShownObject:
@@ -197,6 +201,7 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.apart])
     result.R_WT = R_WS @ followed.X_ST[-1][:3, :3]
     hold_seen(tools, result)
+    stand_about_rest(tools.mover, tools.cell, tools.learning, picked.others)
     if followed.slips and len((calm := _followed(tools)).slips) < len(followed.slips):
         # By now it hangs as it will stay; pictures from while it slid fit each other less well.
         result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.apart], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])

@@ -212,12 +212,17 @@ class Mover:
             q, Surroundings(poses, np.zeros((count, len(q))), on, on, beside), reach
         )
 
-    def free(self, q: Array, clearance: float, *, standing: bool = True) -> npt.NDArray[np.bool_]:
-        """Return (M,) which joint angles (M, n) keep a distance [m]; see `distances`."""
+    def free(
+        self, q: Array, clearance: float, *, standing: bool = True, on_purpose: bool = True
+    ) -> npt.NDArray[np.bool_]:
+        """Return (M,) which joint angles (M, n) keep a distance [m]; see `distances`.
+
+        `on_purpose`: whether a stage may go near what was told by `stand`, and `Tuning.close` from it suffices.
+        """
         near = self.distances(q, max(clearance, TUNING.own) + 1e-6, standing=standing)
         wanted = np.full(near.shape[1] - 1, clearance)
-        # Before a grasp open fingers are beside what they take, or just above it.
-        wanted[len(self._carrying.clearance.bodies) :] = min(clearance, TUNING.close)
+        if on_purpose:  # before a grasp open fingers are beside what they take, or just above it
+            wanted[len(self._carrying.clearance.bodies) :] = min(clearance, TUNING.close)
         return np.asarray((near[:, :-1] >= wanted).all(axis=1) & (near[:, -1] >= TUNING.own))
 
     def bare_free(self, q: Array, clearance: float, *, standing: bool = False) -> bool:

@@ -205,7 +205,7 @@ def best_motion(
         posture,
         limits=limits,
         grip=replace(grip, share=share_of(grip, mass, X_TO[:3, 3])),
-        clear=lambda q: mover.free(q, TUNING.clear),
+        clear=lambda q: mover.free(q, TUNING.clear, on_purpose=False),
         plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=TUNING.steps),
     )
 
