@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from tests.assets.building.made_meshes import write_coloured
 from twin_diagram import cli
@@ -155,6 +156,28 @@ def test_assets_by_hand_are_checked_without_a_list(
     edited(old, new)(library / "can" / file)
     with pytest.raises(AssetError) as error:
         check(library / "can")
+    assert all(word in str(error.value) for word in words), error.value
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("mass: 0.4 kg", ["asset.yaml: mass: ", "0.4 kg"]),
+        ("obj_id: three", ["asset.yaml: obj_id: ", "three"]),
+        ("obj_id: -3", ["obj_id", "-3"]),
+        ("unseen: 7", ["unseen", "from 0 to 1", "7"]),
+        ("mass_std: -1", ["mass_std", "-1"]),
+        ("centre_std: [0.1, 0.1]", ["centre_std", "3 finite", "[0.1, 0.1]"]),
+        ("inertia: [1, 1, 1]", ["inertia", "6 finite"]),
+        ("inertia: [0.01, 0.01, 0.01, 0, 0, 0]", ["model.sdf", "inertia", "0.01"]),
+    ],
+)
+def test_what_is_told_by_hand_is_checked(library: Path, line: str, words: list[str]) -> None:
+    file = library / "box" / "asset.yaml"
+    told = {**yaml.safe_load(file.read_text()), **yaml.safe_load(line)}
+    file.write_text(yaml.safe_dump(told))
+    with pytest.raises(AssetError) as error:
+        check(library / "box")
     assert all(word in str(error.value) for word in words), error.value
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import yaml
 from pydrake.common.yaml import yaml_load_typed
 
 from twin_diagram.assets.mesh import Mesh
@@ -105,10 +106,24 @@ def read_spec(folder: Path) -> AssetSpec:
     try:
         spec: AssetSpec = yaml_load_typed(schema=AssetSpec, filename=str(file))
     except Exception as error:  # of YAML, of types, of Unicode
-        raise AssetError(f"{file}: {error}") from None
+        raise AssetError(f"{file}: {_odd_field(file)}{error}") from None
     if spec.version not in (None, VERSION):
         raise AssetError(f"{file}: version {spec.version} is not known here, only {VERSION}")
     return spec
+
+
+def _odd_field(file: Path) -> str:
+    """Return the field of a malformed description that cannot be read, with a colon; nothing where that is not one."""
+    try:
+        fields = dict(yaml.safe_load(file.read_text()))
+    except (yaml.YAMLError, ValueError, TypeError):
+        return ""
+    for name, value in fields.items():
+        try:
+            yaml_load_typed(schema=AssetSpec, data=yaml.safe_dump({name: value}))
+        except Exception:  # whatever it is, it is that of the whole file
+            return f"{name}: "
+    return ""
 
 
 def solid_inertia(spec: AssetSpec) -> Array:

@@ -80,6 +80,7 @@ def check(folder: Path) -> tuple[Asset, Array]:
     visual = folder / spec.visual
     extent = np.ptp(read_obj(visual).vertices, axis=0)
     read_png(visual.with_suffix(".png"))
+    _check_told(spec, folder / "asset.yaml")
     _check_model(spec, asset)
     return asset, extent
 
@@ -104,6 +105,22 @@ def remove(library: str | Path, name: str) -> list[str]:
     return left
 
 
+def _check_told(spec: AssetSpec, file: Path) -> None:
+    """Refuse what a description tells beside shape and mass where it cannot be."""
+    counts = {"origin": 3, "inertia": 6, "centre_std": 3, "inertia_std": 6, "mass_std": 1, "volume": 1}
+    for name, count in counts.items():
+        told = getattr(spec, name)
+        values = np.atleast_1d(np.array([] if told is None else told, dtype=float))
+        if told is not None and not (len(values) == count and np.isfinite(values).all()):
+            raise AssetError(f"{file}: {name} must be {count} finite number(s), not {told}")
+        if told is not None and name not in ("origin", "inertia") and (values < 0).any():
+            raise AssetError(f"{file}: {name} is negative: {told}")
+    if spec.unseen is not None and not 0.0 <= spec.unseen <= 1.0:
+        raise AssetError(f"{file}: unseen is a share from 0 to 1, not {spec.unseen}")
+    if spec.obj_id is not None and spec.obj_id < 0:
+        raise AssetError(f"{file}: obj_id is negative: {spec.obj_id}")
+
+
 def _check_model(spec: AssetSpec, asset: Asset) -> None:
     """Refuse a model that is not one free body with the asset's mass and an inertia that can be."""
     plant = MultibodyPlant(0.0)
@@ -118,18 +135,22 @@ def _check_model(spec: AssetSpec, asset: Asset) -> None:
         raise AssetError(f"{asset.model_file}: an object is one link, these are {len(links)}: {', '.join(links)}")
     if not np.isclose(body.default_mass(), spec.mass, rtol=1e-6):
         raise AssetError(f"{asset.model_file}: has a mass of {body.default_mass():g} kg, asset.yaml of {spec.mass:g}")
-    moments = _principal_moments(asset.model_file)
-    if moments is not None and not (moments[0] > 0 and moments[0] + moments[1] >= moments[2] * (1 - 1e-6)):
+    told = _told_inertia(asset.model_file)
+    if told is None:
+        return
+    moments = np.linalg.eigvalsh(told[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]])
+    if not (moments[0] > 0 and moments[0] + moments[1] >= moments[2] * (1 - 1e-6)):
         raise AssetError(f"{asset.model_file}: its principal moments {moments} kg·m² are those of no body")
+    if spec.inertia is not None and not np.allclose(told, spec.inertia, rtol=0.0, atol=1e-6 * moments[2]):
+        raise AssetError(f"{asset.model_file}: has an inertia of {told} kg·m², asset.yaml of {spec.inertia}")
 
 
-def _principal_moments(model: Path) -> Array | None:
-    """Return what a model says (3,) [kg·m²], smallest first; Drake takes another inertia where that cannot be."""
+def _told_inertia(model: Path) -> Array | None:
+    """Return what a model says (6,), in the order of `SIX` [kg·m²]; Drake takes another where that cannot be."""
     inertia = ElementTree.parse(model).find("./model/link[@name='object']/inertial/inertia")
     if inertia is None:
         return None
-    xx, yy, zz, xy, xz, yz = (float(inertia.findtext(f"i{axes}", "0")) for axes in "xx yy zz xy xz yz".split())
-    return np.asarray(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), dtype=float)
+    return np.array([float(inertia.findtext(f"i{axes}", "0")) for axes in "xx yy zz xy xz yz".split()])
 
 
 def _entry(folder: Path) -> LibraryEntry:
