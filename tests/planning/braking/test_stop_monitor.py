@@ -212,6 +212,21 @@ def test_a_planner_that_drives_into_a_thing_is_stopped_before_it(
     np.testing.assert_array_equal(brake_port[1:], rig.command())
 
 
+def test_an_arm_that_something_else_moves_is_looked_at_where_it_goes(
+    model: Model, twin: scenario.Twin, library: dict[str, Asset]
+) -> None:
+    """It is told to stay, and goes on into a thing all the same."""
+    row = box_at(model, steady(0.7))
+
+    def pushed(t: float) -> Array:
+        return np.concatenate([steady(t), SIDE * 2.0 * min(t, 0.25)])
+
+    rig = Rig(model, twin, library, lambda t: HOME, things=lambda t: things(row), arm_state=pushed)
+    rig.run(0.7)
+    brake = rig.brakes()[0]
+    assert brake["cause"] == "clearance" and brake["object"] == "an unknown thing" and 0.0 < brake["distance_mm"] < 20.0
+
+
 def test_it_goes_on_where_the_planner_is_when_the_way_is_clear(
     model: Model, twin: scenario.Twin, library: dict[str, Asset]
 ) -> None:
