@@ -130,7 +130,7 @@ def test_scene_planner_and_monitor_have_its_shape(runs: tuple[Run, Run, Run]) ->
     assert forecast.present[-1] and len(forecast.beside) == 1
     np.testing.assert_allclose(forecast.p_WO[-1], place)
     solids = [solid_of(piece) for piece in twin.added.assets["can"].convex_pieces]
-    np.testing.assert_array_equal(forecast.beside[0].surface_O, Body.of("can", solids).surface_O)
+    np.testing.assert_array_equal(forecast.beside[0].surface_O, Body.of("can", solids, True).surface_O)
 
     # What searches in another process has a copy of the scene from before: it is told with each question.
     q = np.array(twin.diagram.GetOutputPort("arm_state").Eval(first.own))

@@ -17,7 +17,7 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
-from twin_diagram.planning.collision.collision_scene import holders, load_scene
+from twin_diagram.planning.collision.collision_scene import holders, load_scene, packed
 from twin_diagram.planning.collision.held_shape import at_rest, obstacles_beside
 from twin_diagram.planning.given import check_kinds
 from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload
@@ -182,7 +182,7 @@ class Mpc(ModelUser[Model]):
 
     def add_asset(self, asset: Asset) -> None:
         """Take in the shape of an asset that came later; `further_tracks` tell of it by its number."""
-        self.planner.scene.added.append(tuple(np.array(piece, dtype=float).tobytes() for piece in asset.convex_pieces))
+        self.planner.scene.added.append(packed(asset))
 
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""

@@ -12,6 +12,7 @@ from twin_diagram.assets import Asset
 from twin_diagram.planning.braking.drake_distances import DrakeDistances, Shapes
 from twin_diagram.planning.braking.stop_check import Nearness
 from twin_diagram.scenario.resources import models_dir
+from twin_diagram.signals.pose_vectors import as_matrix
 
 Q = np.array([0.3, 0.4, 0.1, -1.9, 0.2, 2.3, 0.9])
 V = np.array([0.5, -0.4, 0.3, 0.6, -0.5, 0.4, 0.8])
@@ -86,6 +87,20 @@ def test_no_point_of_the_arm_is_faster_than_said(near: DrakeDistances) -> None:
     assert plant_speed < bound < 2.0 * plant_speed + 0.5
     assert near.speed(Q, 2 * V) == pytest.approx(2 * bound)
     assert near.speed(Q, np.zeros(7)) == 0.0
+
+
+def test_no_point_of_what_is_held_is_faster_than_said(near: DrakeDistances) -> None:
+    turned = np.array([np.cos(0.6), np.sin(0.6), 0.0, 0.0, 0.02, 0.03, 0.25])
+    look(near, {}, held=1, X_TO=turned)
+    bound, h, X_TO = near.speed(Q, V), 1e-6, as_matrix(turned)
+    corners = np.concatenate([np.asarray(p) for p in Asset.load(models_dir() / "objects" / "sugar_box").convex_pieces])
+    one, two = (near.tool(Q + s * h * V) @ X_TO for s in (-1.0, 1.0))
+    fast = np.linalg.norm(corners @ (two - one)[:3, :3].T + (two - one)[:3, 3], axis=1) / (2 * h)
+    assert fast.max() <= bound + 1e-6 and bound < 1.5 * fast.max()
+    middle = np.linalg.norm((two - one)[:3, 3]) / (2 * h)
+    assert fast.max() > 1.02 * middle, "a corner is faster than the middle"
+    look(near, {})
+    assert near.speed(Q, V) < bound, "nothing is held any more"
 
 
 def test_what_is_absent_is_not_met_and_nothing_meets_its_like(near: DrakeDistances) -> None:

@@ -58,6 +58,22 @@ def test_what_is_not_known_of_motions_grows_with_time() -> None:
     assert breach(near, others(margin, growth=0.15), speed, delay, stop)[0] is not None
 
 
+def test_a_step_leaves_room_for_what_grows_meanwhile() -> None:
+    """A slow arm before a thing of which little is known: the way is long, the time is not."""
+    speed, end = 0.02, 0.4
+    found, _ = breach(wall(0.05, speed), others(0.005, growth=0.2), speed, end, 0.0)
+    assert found is not None
+    assert found.time == pytest.approx((0.05 - 0.005) / (0.2 + speed), abs=2 * TUNING.least_step)
+
+
+def test_what_is_too_far_to_be_asked_for_is_looked_at_before_it_is_at_its_margin() -> None:
+    margin, speed, end = 0.05, 0.5, 0.16
+    before = 2 * margin + TUNING.touching + 0.004  # just beyond what the first query asks for
+    found, _ = breach(wall(before, speed), others(margin), speed, end, 0.0)
+    assert found is not None
+    assert found.time == pytest.approx((before - margin) / speed, abs=2 * TUNING.least_step)
+
+
 def test_an_arm_that_goes_away_or_stands_by_is_let_go() -> None:
     assert breach(wall(-0.003, 0.4, towards=-1.0), others(0.005), 0.4, 0.04, 0.16)[0] is None
     beside = wall(0.002, TUNING.approach * 0.9)

@@ -212,6 +212,45 @@ def test_a_planner_that_drives_into_a_thing_is_stopped_before_it(
     np.testing.assert_array_equal(brake_port[1:], rig.command())
 
 
+def test_an_arm_that_something_else_moves_is_looked_at_where_it_goes(
+    model: Model, twin: scenario.Twin, library: dict[str, Asset]
+) -> None:
+    """It is told to stay, and goes on into a thing all the same."""
+    row = box_at(model, steady(0.7))
+
+    def pushed(t: float) -> Array:
+        return np.concatenate([steady(t), SIDE * 2.0 * min(t, 0.25)])
+
+    rig = Rig(model, twin, library, lambda t: HOME, things=lambda t: things(row), arm_state=pushed)
+    rig.run(0.7)
+    brake = rig.brakes()[0]
+    assert brake["cause"] == "clearance" and brake["object"] == "an unknown thing" and 0.0 < brake["distance_mm"] < 20.0
+
+
+def test_the_older_the_image_the_sooner_it_stops(model: Model, twin: scenario.Twin, library: dict[str, Asset]) -> None:
+    """What was seen 0.3 s ago may have come nearer by 6 mm since."""
+    row, gaps = box_at(model, steady(1.0)), []
+    near = DrakeDistances(ARM, twin.fixtures, library, scenario.Slots().further(1), scenario.Slots().unknown)
+    for old in (0.0, 0.3):
+        image = {"image_time": lambda t, old=old: np.array([t - old])}
+        rig = Rig(model, twin, library, steady, things=lambda t: things(row), **image)
+        gaps.append(gap(near, rig.run(1.2)[-1], row))
+        assert [brake["cause"] for brake in rig.brakes()] == ["clearance"]
+    assert gaps[1] - gaps[0] == pytest.approx(0.006, abs=0.006)
+    assert gaps[1] > gaps[0]
+
+
+def test_angles_that_count_anew_move_no_arm_that_is_held(
+    model: Model, twin: scenario.Twin, library: dict[str, Asset]
+) -> None:
+    rig = Rig(model, twin, library, lambda t: HOME, torque_commanded=lambda t: np.full(N, np.nan))
+    rig.run(0.1)
+    before, change = rig.command(), 0.01 * np.arange(1.0, N + 1.0)
+    assert rig.monitor.standing(rig.context)["braking"]
+    rig.monitor.recount(rig.context, change)
+    np.testing.assert_allclose(rig.command(), before + change, atol=1e-12)
+
+
 def test_it_goes_on_where_the_planner_is_when_the_way_is_clear(
     model: Model, twin: scenario.Twin, library: dict[str, Asset]
 ) -> None:

@@ -76,7 +76,8 @@ def test_what_may_have_turned_in_the_hand_stays_within_its_cover(loaded, q: Arra
     """A box that lies, 21 cm long: at 3° its ends sink by 5 mm, whatever is known of its middle."""
     scene, library = loaded
     pieces, std = library["cracker_box"].convex_pieces, np.array([0.05, 0.05, 0.05, 1e-3, 1e-3, 1e-3])
-    hand = replace(HAND, X_TO=pose(0.0, 0.0, 0.02, np.array([0.5, 0.5, 0.5, 0.5])), covariance=np.diag(std**2))
+    box = bench.NAMES.index("cracker_box")
+    hand = Hand(held=box, X_TO=pose(0.0, 0.0, 0.02, np.array([0.5, 0.5, 0.5, 0.5])), covariance=np.diag(std**2))
     near = distances(holding(scene, pieces, hand), q, tracks())[0]
     X_WT, X_TO = scene.chain.place(q).X_WL[0, -1] @ scene.chain.X_LT, as_matrix(hand.X_TO)
     corners_T, rng = np.vstack(pieces) @ X_TO[:3, :3].T, np.random.default_rng(0)

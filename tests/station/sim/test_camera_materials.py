@@ -53,3 +53,12 @@ def test_patches_of_what_reflects_are_lost_or_too_deep() -> None:
     np.testing.assert_array_equal(usual[0], usual[1])
     assert (usual[0] != usual[2]).any()
     assert (depth == 1.0).all()
+
+
+def test_patches_are_as_large_in_finer_images() -> None:
+    """σ of 8 px at 640 pixels a row: twice as many pixels at 1280, as large on the surface."""
+    width = []
+    for shape in ((240, 320), (960, 1280)):
+        lost = Reflections(shape, faults(CameraDefects("d435", reflective_lost=0.5)), 3).lost
+        width.append(shape[1] * shape[0] / np.count_nonzero(lost[:, 1:] != lost[:, :-1]) / shape[1])
+    assert width[1] / width[0] == pytest.approx(1.0, abs=0.3)

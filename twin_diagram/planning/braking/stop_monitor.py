@@ -64,8 +64,8 @@ class StopMonitor(ModelUser[Model]):
         - torque_commanded (optional)
         - plan_time (optional)
         - arm_state
-        - parameters (optional)
         - measurement_time
+        - parameters (optional)
         - message_time (optional)
         - image_time (optional)
         - tracks (optional)
@@ -84,9 +84,9 @@ class StopMonitor(ModelUser[Model]):
         torque_commanded: (n) feed-forward [N·m]; out: the last that was a number, within the motors' limits.
         plan_time: (1) when the newest plan was made or checked [s]; not connected: a planner that hangs is not noticed.
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
+        measurement_time: (1) of the arm's newest message [s], `NEVER` before the first: until then commands pass.
         parameters: (p) what a filter learned; those of a payload count, see `arm_torque.PAYLOAD`: a heavy load takes
             longer to stop. Not connected: nothing is carried.
-        measurement_time: (1) of the arm's newest message [s], `NEVER` before the first: until then commands pass.
         message_time: (1) of the newest message that a filter could use [s], which tells NaN with fresh stamps; not
             connected: what stamps say is believed.
         image_time: (1) of the newest image [s]; not connected: the scene does not grow stale.

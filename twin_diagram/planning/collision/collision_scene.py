@@ -64,8 +64,9 @@ class Tuning:
 TUNING = Tuning()
 
 
-Packed = tuple[bytes, ...]
-"""Corners (V, 3) of each of a body's convex pieces, as bytes: they can be compared and sent."""
+Packed = tuple[bool, tuple[bytes, ...]]
+"""Whether a body is round about its z axis, and corners (V, 3) of each of its convex pieces, as bytes: they can be
+compared and sent."""
 
 _ABSENT = (ObjectStatus.UNSEEN, ObjectStatus.HELD, ObjectStatus.GONE)  # nothing stands there to keep clear of
 
@@ -79,7 +80,7 @@ class Scene:
         clearance: bodies are the fixtures, then the objects in the library's order.
         fixture_count: F; the objects are bodies F, F + 1, …
         lower, upper: (n,) the joints' limits [rad].
-        added: of assets that came later the corners of convex pieces, packed; their numbers follow the library's.
+        added: shapes of assets that came later, see `packed`; their numbers follow the library's.
     """
 
     chain: Chain
@@ -131,7 +132,9 @@ class Scene:
             parts.append((shapes, Forecast.of_tracks(rows[:, OWNER_SIZE:], shapes=shapes)))
         standing = _standing(things)
         if standing:
-            shapes = tuple(body_of_pieces(*(corners.tobytes() for corners in thing.pieces)) for thing in standing)
+            shapes = tuple(
+                body_of_pieces(False, tuple(corners.tobytes() for corners in thing.pieces)) for thing in standing
+            )
             parts.append((shapes, Forecast.of_things(standing)))
         return forecast.joined(parts)
 
@@ -170,10 +173,15 @@ def holders(objects: int, further: Array | None, things: Array | None) -> list[t
     return [*((k, 0, k) for k in range(objects)), *more, *unknown]
 
 
+def packed(asset: Asset) -> Packed:
+    """Return the shape of an asset as `Scene.added` has it."""
+    return asset.symmetric_axis == "z", tuple(np.array(piece, dtype=float).tobytes() for piece in asset.convex_pieces)
+
+
 @lru_cache(maxsize=TUNING.kept)
-def body_of_pieces(*pieces: bytes) -> Body:
-    """Return the body that convex pieces make, each told by its corners (V, 3) in W, packed."""
-    return Body.of("thing", [solid_of(np.frombuffer(piece).reshape(-1, 3)) for piece in pieces])
+def body_of_pieces(round_about_z: bool, pieces: tuple[bytes, ...]) -> Body:
+    """Return the body that convex pieces make, as `Packed` tells of them."""
+    return Body.of("thing", [solid_of(np.frombuffer(piece).reshape(-1, 3)) for piece in pieces], round_about_z)
 
 
 def load_scene(
@@ -202,7 +210,10 @@ def load_scene(
     del keep_alive
     bodies = [Body.of(name, solids) for name, solids in fixture_solids(fixtures, packages) if solids]
     fixture_count = len(bodies)
-    bodies += [Body.of(name, [solid_of(piece) for piece in asset.convex_pieces]) for name, asset in library.items()]
+    bodies += [
+        Body.of(name, [solid_of(piece) for piece in asset.convex_pieces], asset.symmetric_axis == "z")
+        for name, asset in library.items()
+    ]
     joints = [plant.get_joint(index) for index in arm.joint_indices]
     lower = np.array([float(joint.position_lower_limits()[0]) for joint in joints])
     upper = np.array([float(joint.position_upper_limits()[0]) for joint in joints])

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin_diagram.planning.collision.ball_cover import TUNING as BALL_COVER
 from twin_diagram.planning.collision.ball_cover import Balls, box_cover
-from twin_diagram.planning.collision.collision_scene import Forecast, Scene, body_of_pieces
+from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.collision.convex_solids import bounding_box
 from twin_diagram.planning.collision.unsure_pose import Unsure
 from twin_diagram.signals.arrays import Array
@@ -51,8 +51,8 @@ def holding(scene: Scene, pieces_O: Sequence[Array], hand: Hand) -> Scene:
     n = scene.chain.size
     X_TO = as_matrix(hand.X_TO)
     X_LO = scene.chain.X_LT @ X_TO
-    body = body_of_pieces(*(np.asarray(piece, dtype=float).tobytes() for piece in pieces_O))
-    grown = Unsure.of(hand.covariance, X_TO[:3, :3], body, moving=False).now
+    shape = scene.clearance.bodies[scene.fixture_count + hand.held]
+    grown = Unsure.of(hand.covariance, X_TO[:3, :3], shape, moving=False).now
     centres, radii = [], []
     for piece in pieces_O:
         box = bounding_box(np.asarray(piece))

@@ -19,21 +19,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Body:
-    """Something to keep clear of: convex solids in its frame O, a ball about them all, and `surface_rows` of them."""
+    """Something to keep clear of: convex solids in its frame O, a ball about them all, and `surface_rows` of them.
+
+    What is `round_about_z` is left as it is by turns about O's z axis, whatever its solids look like: they move no
+    surface of it.
+    """
 
     name: str
     solids: tuple[Solid, ...]
     centre_O: Array
     radius: float
     surface_O: Array
+    round_about_z: bool = False
 
     @staticmethod
-    def of(name: str, solids: Sequence[Solid]) -> Body:
+    def of(name: str, solids: Sequence[Solid], round_about_z: bool = False) -> Body:
         """Return a body made of solids."""
         balls = [solid.ball for solid in solids]
         centre = np.mean([c for c, _ in balls], axis=0)
         radius = max(float(np.linalg.norm(c - centre)) + r for c, r in balls)
-        return Body(name, tuple(solids), centre, radius, surface_rows(solids))
+        rows = surface_rows(solids)
+        rows[:, 2] *= not round_about_z
+        return Body(name, tuple(solids), centre, radius, rows, round_about_z)
 
 
 def solids_of(bodies: Sequence[Body]) -> Solids:

@@ -37,8 +37,10 @@ class Unsure:
             rows = np.array([[max(worst, 0.0), 0.0]])
         else:
             rows = forecast_growth.outermost(forecast_growth.spread(shape.surface_O, covariance, R_WO))
-        variances = covariance.diagonal()
-        return Unsure(rows, float(variances[3:].sum()) / 3, float(variances[:3].sum()) / 3, moving)
+        turn, axes = float(np.trace(covariance[:3, :3])), 3
+        if shape is not None and shape.round_about_z:  # nothing is known of its turn about that axis, and nobody minds
+            turn, axes = turn - float(R_WO[:, 2] @ covariance[:3, :3] @ R_WO[:, 2]), 2
+        return Unsure(rows, float(np.trace(covariance[3:, 3:])) / 3, turn / axes, moving)
 
     @property
     def now(self) -> float:
