@@ -19,6 +19,8 @@ from twin_diagram import scenario
 from twin_diagram.errors import ScenarioError
 from twin_diagram.perception import IcpPoseEstimator, PerceptionSystem
 from twin_diagram.scenario.validation import check_twin
+from twin_diagram.signals.hand import Hand
+from twin_diagram.signals.pose_vectors import as_matrix
 
 LATE = 0.03
 PORTS = ("object_poses", "further_poses", "things", "turned_away")
@@ -89,6 +91,32 @@ def test_an_image_as_delivered_asks_the_same(frames: Frames) -> None:
     assert again.time == segments.time == 0.0 and len(segments.points_W) > 100
     np.testing.assert_array_equal(again.points_W, segments.points_W)
     np.testing.assert_array_equal(again.label_image, segments.label_image)
+
+
+@pytest.mark.parametrize("latency", [0.0, LATE])
+def test_what_is_held_is_told_where_the_hand_had_it_when_the_image_was_taken(frames: Frames, latency: float) -> None:
+    builder, speed = DiagramBuilder(), np.array([0.6, 0, 0, 0, 0, 0, -0.3])
+    film = builder.AddSystem(Film(frames))
+    arm = builder.AddSystem(ConstantVectorSource(np.concatenate([Q, speed])))
+    model = scenario.ArmModel(model="arms/panda_hand.urdf", tool_frame="panda_tcp")
+    eye = PerceptionSystem(model, CAMERA, scenario.Perception(latency=latency))
+    perception = builder.AddNamedSystem("perception", eye)
+    X_TO = np.array([1.0, 0, 0, 0, 0.01, -0.02, 0.03])
+    hand = builder.AddSystem(ConstantVectorSource(Hand(held=1, X_TO=X_TO).pack()))
+    for name in ("rgb_image", "depth_image", "image_time"):
+        builder.Connect(film.GetOutputPort(name), perception.GetInputPort(name))
+    builder.Connect(arm.get_output_port(), perception.GetInputPort("arm_state"))
+    builder.Connect(hand.get_output_port(), perception.GetInputPort("hand"))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(CAMERA.latency + 0.002)
+    context = diagram.GetSubsystemContext(perception, simulator.get_context())
+    segments = perception.GetOutputPort("segments").Eval(context)
+    now = CAMERA.latency + (0.00075 if latency else 0.002)
+    assert segments.held.asset == 1
+    for s, R, p in zip((0.0, 0.5, 1.0), segments.held.R, segments.held.p, strict=True):
+        there = eye.parting.robot.tool(Q - speed * (now - segments.time + s * 0.5 / CAMERA.rate)) @ as_matrix(X_TO)
+        np.testing.assert_allclose(np.column_stack([R, p]), there[:3], atol=1e-9)
 
 
 @pytest.mark.long

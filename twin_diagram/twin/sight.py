@@ -82,6 +82,8 @@ def add_sight(
     for system in timed[1:]:
         builder.ConnectInput(image_time, system.GetInputPort("image_time"))
     connect_ports(builder, ekf, first, *inputs_of(first, ("arm_state",)))
+    if runner is not None:
+        connect_ports(builder, runner, first, *inputs_of(first, ("hand",)))
     if own is None:
         connect_ports(builder, first, last, "segments", *inputs_of(last, ("picture",)))
     if own is None and calibration_error(camera).variances.any():

@@ -119,6 +119,12 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> RobotShape:
     return RobotShape(scenario.ArmModel(model=str(Path(file)), tool_frame="", joints=["j"], gripper_joints=["f", "g"]))
 
 
+def test_the_tool_is_where_the_arm_has_it(robot: RobotShape) -> None:
+    turned = robot.tool(np.array([0.7]))
+    np.testing.assert_allclose(turned[:2, :2], [[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]], atol=1e-12)
+    np.testing.assert_allclose(turned[:3, 3], 0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("margin", [0.005, 0.05, 0.4])
 def test_near_is_within_the_margin_of_a_shape_where_the_arm_stands(robot: RobotShape, margin: float) -> None:
     assert robot.joint_count == 1

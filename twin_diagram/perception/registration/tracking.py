@@ -31,6 +31,7 @@ from twin_diagram.perception.registration.where_expected import (
     stands_out,
     unmistaken,
 )
+from twin_diagram.perception.registration.where_held import register_where_held
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import PoseMeasurement
@@ -157,10 +158,16 @@ def _seen(known: Known, before: Slot, one: RegisteredPose, view: View) -> Slot:
 
 
 def follow_known(library: Sequence[Known], slots: Sequence[Slot], view: View) -> dict[int, RegisteredPose]:
-    """Register each object that was found before near where it is expected; return those found, by number."""
+    """Register each object that was found before near where it is expected, or where the hand has it, by number."""
     found = {}
+    held = view.segments.held
     for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
-        if slot.known and (result := register_where_expected(known, slot, view)) is not None:
+        if not slot.known:
+            continue
+        result = register_where_expected(known, slot, view)
+        if result is None and held is not None and held.asset == k:
+            result = register_where_held(known, slot, view, held)
+        if result is not None:
             found[k] = result
     return found
 

@@ -112,17 +112,17 @@ def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredP
     time = view.segments.time
     R, p = predict(slot, time)
     if not np.any(slot.velocity):
-        best = _registered(known, view, R, p, RESTING, slot.alike, rests=True)
+        best = registered_near(known, view, R, p, RESTING, slot.alike, rests=True)
     elif _turns(slot, time):
         places = (R, p), (slot.R, slot.p), (slot.R, p)
-        found = [_registered(known, view, *at, MOVING, slot.alike) for at in places]
+        found = [registered_near(known, view, *at, MOVING, slot.alike) for at in places]
         best = likeliest(known, view, [one for one in found if one is not None])
     else:
         best = _goes_on_or_stops(known, slot, view, R, p)
     if best is None:
         return None
     if best.quality < TUNING.coloured * best.shape:
-        turned = [_registered(known, view, *at, MOVING) for at in turns(known, view, best)]
+        turned = [registered_near(known, view, *at, MOVING) for at in turns(known, view, best)]
         best = likeliest(known, view, [best, *(one for one in turned if one is not None)])
     return best if best is None else unmistaken(known, view, turned_back(known, slot, view, best), slot.odds)
 
@@ -132,7 +132,7 @@ def _goes_on_or_stops(known: Known, slot: Slot, view: View, R: Array, p: Array) 
     starts = Poses(np.stack([R, slot.R]), np.stack([p, slot.p]))
     fits = assess(known.model, view.frame, starts, view.params.model_points, COARSE, TUNING.rough).points
     for k in np.argsort(-fits, kind="stable"):
-        result = _registered(known, view, starts.R[k], starts.p[k], MOVING, slot.alike)
+        result = registered_near(known, view, starts.R[k], starts.p[k], MOVING, slot.alike)
         if result is not None:
             return result
     return None
@@ -154,7 +154,7 @@ def turned_back(known: Known, slot: Slot, view: View, one: RegisteredPose) -> Re
     if abs(by) < large:
         return one
     R, p = _turned_by(one, way, np.array([-by]))[0]
-    back = _registered(known, view, R, p, AS_TURNED, slot.alike)
+    back = registered_near(known, view, R, p, AS_TURNED, slot.alike)
     if back is None:
         return one
     own = claimed(known.model, view.segments, one.R, one.p, TUNING.around)
@@ -205,7 +205,7 @@ def likeliest(known: Known, view: View, results: Sequence[RegisteredPose]) -> Re
 
 def unmistaken(known: Known, view: View, one: RegisteredPose, before: float = 0.0) -> RegisteredPose:
     """Return a pose, or the one that it was mistaken for, with its odds among its turns; see `turned_alike.weighed`."""
-    return weighed(known.model, view, one, before, lambda R, p: _registered(known, view, R, p, MOVING))
+    return weighed(known.model, view, one, before, lambda R, p: registered_near(known, view, R, p, MOVING))
 
 
 def _turns(slot: Slot, time: float) -> bool:
@@ -213,7 +213,7 @@ def _turns(slot: Slot, time: float) -> bool:
     return float(np.linalg.norm(slot.velocity[:3])) * (time - slot.seen) > TUNING.turned
 
 
-def _registered(
+def registered_near(
     known: Known, view: View, R: Array, p: Array, prior: Array, usual: float = 0.0, *, rests: bool = False
 ) -> RegisteredPose | None:
     """Register an object from a guess; None where what comes of it is not believable."""

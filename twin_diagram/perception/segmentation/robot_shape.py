@@ -82,6 +82,7 @@ class RobotShape:
             [plant.get_joint(i).position_start() for i in placed.gripper_joint_indices], dtype=int
         )
         self._followers = Followers.of(plant, placed)
+        self._tool = plant.get_frame(placed.tool_frame)
         for index in placed.gripper_joint_indices:
             joint = plant.get_joint(index)
             low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
@@ -110,6 +111,13 @@ class RobotShape:
     def finger_count(self) -> int:
         """Number of the gripper's joints."""
         return len(self._finger_index)
+
+    def tool(self, q: Array) -> Array:
+        """Return X_WT (4, 4) of the tool at joint angles `q` (n,)."""
+        positions = self._positions.copy()
+        positions[self._position_index] = q
+        self._plant.SetPositions(self._scratch, positions)
+        return np.asarray(self._tool.CalcPoseInWorld(self._scratch).GetAsMatrix4())
 
     def near(self, points_W: Array, q: Array, margin: float, fingers: Array | None = None) -> npt.NDArray[np.bool_]:
         """Return which of the points (N, 3) lie within `margin` [m] of the robot at joint angles `q` (n,).

@@ -31,6 +31,21 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
+class HeldPlaces:
+    """Where the hand had what it holds when an image was taken, and before: depth may be older than its time.
+
+    Attributes:
+        asset: which of the library's objects it is.
+        R: (P, 3, 3) R_WO, the newest first.
+        p: (P, 3) p_WO [m].
+    """
+
+    asset: int
+    R: Array
+    p: Array
+
+
+@dataclass(frozen=True)
 class Segments:
     """One image taken apart. All arrays are read-only.
 
@@ -48,6 +63,7 @@ class Segments:
         camera: the calibrated camera.
         table: (a, b, c) of the table's top z = a x + b y + c in W; level at its told height where none is in view.
         planes: those seen on which things can stand, the table first; empty where no table is in view.
+        held: where what the hand holds is in it; None: it holds nothing, or nobody told.
     """
 
     time: float
@@ -63,6 +79,7 @@ class Segments:
     camera: Pinhole
     table: Array
     planes: tuple[Plane, ...] = ()
+    held: HeldPlaces | None = None
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: the object is shared by all who evaluate the port."""
