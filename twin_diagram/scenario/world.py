@@ -65,7 +65,7 @@ class World:
     q0: list[float] = field(default_factory=list)
     """Joint angles at the start [rad]; empty: the twin's `home`."""
     time_step: float = 0.0025
-    """Of the simulated plant [s]."""
+    """Of the simulated plant [s]; beyond 2.5 ms a gripper's pads get more facets, so that what they hold stays."""
     objects: dict[str, WorldObject] = field(default_factory=dict)
     """What stands about, by name."""
     fixtures: list[Fixture] = field(default_factory=list)

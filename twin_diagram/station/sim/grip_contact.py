@@ -31,6 +31,8 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import ContactModel, CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import Joint, PrismaticJoint, RigidBody
 
+from twin_diagram.station.sim.fine_pads import refine
+
 COMPLIANCE = ("hydroelastic", "compliance_type")
 """Where Drake keeps whether a shape is rigid or compliant: a description that says so is heeded."""
 
@@ -98,6 +100,9 @@ def touch_by_surfaces(
         if not any(_told(scene_graph, shape) for shape in shapes):
             for shape in shapes:
                 _make_compliant(plant, scene_graph, shape)
+        for shape in shapes:
+            if _told(scene_graph, shape):
+                refine(plant, scene_graph, shape)
     for body in objects:
         for shape in plant.GetCollisionGeometriesForBody(body):
             if not _told(scene_graph, shape):
