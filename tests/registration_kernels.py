@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,11 @@ import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration import colour_kernels, point_kernels, residual_kernels
+from twin_diagram.perception.registration.cloud_kernels import PairRules, opposite
 from twin_diagram.perception.registration.data_association import Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.residuals import TUNING, Normal, colour_terms, depth_pairs, opposite_pairs
+from twin_diagram.perception.registration.residuals import TUNING, Normal, colour_terms, depth_pairs
 from twin_diagram.perception.registration.silhouette import TUNING as SILHOUETTE
 from twin_diagram.perception.registration.silhouette import Silhouette
 
@@ -52,6 +54,60 @@ def inward(silhouette: Silhouette | None, looked: Any, camera: Pinhole) -> Norma
     view = point_kernels.LooksFrom(camera.fx, camera.fy, *camera.centre, *pose, np.zeros(3))
     residual_kernels.inward_normal(told, flags, silhouette.cells, view, SILHOUETTE.cuts, result.H, result.b)
     return result
+
+
+@dataclass(frozen=True)
+class OppositePairs:
+    """Image points paired with their nearest model points.
+
+    Attributes:
+        seen: (N, 3) the image's points in W [m].
+        J: (N, 6) of their distance to the model's surface.
+        w: (N,) weights.
+        n: (N, 3) the model's normals in W.
+        H: (6, 6) normal equations, sliding included.
+        b: (6,).
+    """
+
+    seen: Array
+    J: Array
+    w: Array
+    n: Array
+    H: Array
+    b: Array
+
+
+def opposite_pairs(
+    model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, reach: float, share: float = 0.1
+) -> OppositePairs:
+    """Return the opposite direction, for one pose: image points to their nearest model points.
+
+    Point-to-plane, and with weight `share` point-to-point; a point-to-point distance within the model's own spacing is
+    none. A point whose nearest model point faces away from the camera is left out: it is the other side of a thin wall.
+
+    Args:
+        model: the object.
+        points_W: (N, 3) points that should be the object's.
+        poses: one pose.
+        p_WC: where the camera is.
+        reach: pairs farther apart are cut [m].
+        share: weight of the point-to-point part.
+    """
+    count = len(points_W)
+    J, w, n = np.empty((count, 6)), np.empty(count), np.empty((count, 3))
+    H, b = np.zeros((6, 6)), np.zeros(6)
+    opposite(
+        np.ascontiguousarray(points_W),
+        (np.ascontiguousarray(poses.R[0]), np.ascontiguousarray(poses.p[0])),
+        p_WC,
+        model.cloud,
+        reach,
+        PairRules(share, 2.0 * TUNING.model_noise, model.spacing),
+        (J, w, n),
+        (H, b),
+    )
+    on = w >= 0.0
+    return OppositePairs(points_W[on], J[on], w[on], n[on], H, b)
 
 
 def unexplained(cloud: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, reach: float, share: float) -> Normal:

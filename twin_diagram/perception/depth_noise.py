@@ -80,22 +80,12 @@ class DepthSigma:
         return np.asarray(self.floor + self.growth * (z - self.start) ** 2)
 
 
-def excess(residual: Array, sigma: Array) -> float:
-    """Return by how much residuals are larger than they should be: 1 where they are not.
-
-    Args:
-        residual: (N,) of what fits [m].
-        sigma: (N,) expected standard deviations [m].
-
-    Returns:
-        Factor on the standard deviation, robust against a third of outliers; 1 where there are too few to tell.
-    """
-    few = len(residual) < TUNING.fewest
-    return 1.0 if few else excess_of(float(np.median(np.abs(residual) / sigma)), len(residual))
-
-
 def excess_of(scatter: float, count: int) -> float:
-    """Return the same as `excess` of `count` residuals whose median size is `scatter` standard deviations."""
+    """Return by how much residuals are larger than they should be: 1 where they are not, or where too few tell.
+
+    It is a factor on the standard deviation, robust against a third of outliers: there are `count` residuals, and their
+    median size is `scatter` standard deviations.
+    """
     factor = TUNING.normal * scatter
     # So many residuals scatter by themselves: what is within that is none.
     return factor if count >= TUNING.fewest and factor > 1.0 + 2.0 / np.sqrt(count) else 1.0

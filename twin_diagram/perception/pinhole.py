@@ -119,7 +119,7 @@ class Pinhole:
 
     def project(self, points_W: Array) -> tuple[Array, Array, Array]:
         """Return the pixel coordinates u, v and the depth of points (..., 3)."""
-        x, y, depth = np.tensordot(self.R_WC, points_W - self.p_WC, axes=(0, -1))
+        x, y, depth = np.moveaxis((points_W - self.p_WC) @ self.R_WC, -1, 0)
         lens = self.optics
         z = np.maximum(depth, 1e-6)
         if lens.distortion:

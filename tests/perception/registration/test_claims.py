@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from tests.registration_bench import frame, model, poses
-from tests.registration_kernels import linearise
+from tests.registration_kernels import linearise, opposite_pairs
 from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.registration import claims
 from twin_diagram.perception.registration.claims import claim, field_covariance, spread
 from twin_diagram.perception.registration.data_association import look
 from twin_diagram.perception.registration.point_kernels import FINE
-from twin_diagram.perception.registration.residuals import opposite_pairs
 from twin_diagram.station.sim.camera_noise import correlated
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,9 @@ import pytest
 
 from tests.registration_bench import frame
 from twin_diagram.perception.depth_noise import DepthSigma
+from twin_diagram.perception.registration import point_kernels
 from twin_diagram.perception.registration.assessment import residual_excess
+from twin_diagram.perception.registration.data_association import Looked
 
 COUNT = 500
 
@@ -23,9 +24,10 @@ def looked(scale: float, facing: float = 0.8) -> Any:
     distance = scale * sigma * rng.standard_normal((2, COUNT))
     deeper = np.zeros((2, COUNT))
     deeper[:, :200], distance[:, :200] = 0.05, 0.05
-    full = {"z": 1.0, "facing": facing}
-    arrays = {name: np.full((2, COUNT), value) for name, value in full.items()}
-    return SimpleNamespace(**arrays, distance=distance, deeper=deeper, matched=np.ones((2, COUNT), bool))
+    told = np.zeros((2, COUNT, point_kernels.COLUMNS))
+    told[..., point_kernels.Z], told[..., point_kernels.FACING] = 1.0, facing
+    told[..., point_kernels.DISTANCE], told[..., point_kernels.DEEPER] = distance, deeper
+    return Looked(told, np.full((2, COUNT), point_kernels.MATCHED, dtype=np.uint8))
 
 
 def told(sheet: DepthSigma) -> Any:

@@ -12,7 +12,7 @@ from twin_diagram.perception.segmentation.segmentation import level
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import clusters
-from twin_diagram.perception.things.seen_through import seen_through
+from twin_diagram.perception.things.seen_through import looked_at, seen_through
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 CAMERA = Pinhole(width=160, height=120, focal=150.0, R_WC=DOWN, p_WC=np.array([0.0, 0.0, 1.0]))
@@ -93,3 +93,6 @@ def test_the_robot_behind_a_place_shows_that_it_is_empty_and_before_it_hides_it(
     assert seen_through(above, segments).empty == 1.0
     assert seen_through(below, segments).hidden == 1.0
     assert seen_through(at, segments).hidden == 1.0
+    # One by one as together.
+    there, empty = looked_at(np.concatenate([above, below, at]), segments)
+    assert empty[: len(above)].all() and not empty[len(above) :].any() and not there.any()

@@ -7,8 +7,9 @@ import numpy.typing as npt
 import pytest
 
 from twin_diagram.scenario import CameraDefects
-from twin_diagram.station.sim.camera_noise import DepthNoiseField, correlated, depth_rms
-from twin_diagram.station.sim.camera_profiles import faults
+from twin_diagram.station.sim.camera_noise import DepthNoiseField, correlated
+from twin_diagram.station.sim.camera_profiles import CameraFaults, faults
+from twin_diagram.station.sim.picture_kernels import delivered
 
 SHAPE = (240, 320)
 """Half of 640 px: figures in pixels are half, too."""
@@ -26,9 +27,35 @@ def frames() -> npt.NDArray[np.float32]:
     [("d415", [0.54, 1.5, 6.0]), ("d435", [1.368, 3.8, 15.2]), ("kinect1", [1.276, 1.884, 6.064])],
 )
 def test_the_rms_is_the_formulas(profile: str, wanted: list[float]) -> None:
+    off = faults(CameraDefects(profile))
     depth = np.array([0.6, 1.0, 2.0], dtype=np.float32)
-    np.testing.assert_allclose(1e3 * depth_rms(depth, faults(CameraDefects(profile))), wanted, rtol=1e-5)
-    np.testing.assert_array_equal(depth, np.array([0.6, 1.0, 2.0], dtype=np.float32))
+    seen = with_error(depth, np.full(3, 10.0, dtype=np.float32), off, (0.1, 3.0), 1.0)
+    np.testing.assert_allclose(100.0 * (seen - depth), wanted, rtol=1e-3, atol=2e-3)
+
+
+def with_error(
+    depth: npt.NDArray[np.float32],
+    error: npt.NDArray[np.float32],
+    off: CameraFaults,
+    reach: tuple[float, float],
+    scale: float,
+    unit: float = 1e-5,
+    most: float = 1e6,
+) -> npt.NDArray[np.float32]:
+    result, single = depth.copy(), np.float32
+    law = (single(off.depth_noise_start), single(off.depth_noise), single(off.depth_noise_floor))
+    units = (single(1.0 / unit), unit, single(most))
+    delivered(result, error, law, (single(reach[0]), single(reach[1])), single(scale), units)
+    return result
+
+
+def test_depth_is_delivered_within_its_range_in_whole_units() -> None:
+    depth = np.array([0.0, 0.29, 0.31, 1.0, 1.98, 2.5], dtype=np.float32)
+    error = np.array([9.0, 0.0, -100.0, 0.0, 0.0, -150.0], dtype=np.float32)
+    seen = with_error(depth, error, faults(CameraDefects("d415")), (0.3, 2.0), 1.01, 0.001, 1500.0)
+    # None stays none; too near, or by its error; scaled; more units than are told; within the range by its error.
+    np.testing.assert_allclose(seen, [0.0, 0.0, 0.0, 1.01, 1.5, 1.105], atol=1e-6)
+    assert seen[3] == np.float32(1010 * 0.001)
 
 
 def test_all_of_it_has_variance_one(frames: npt.NDArray[np.float32]) -> None:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.perception.depth_noise import excess
+from twin_diagram.perception.depth_noise import excess_of
 from twin_diagram.perception.registration.data_association import TUNING as LOOKING
 from twin_diagram.perception.registration.data_association import Looked, Poses, look
-from twin_diagram.perception.registration.fit_kernels import PlaceCuts, counts, placed_weights
+from twin_diagram.perception.registration.fit_kernels import PlaceCuts, counts, median_excess, placed_weights
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
@@ -92,6 +92,6 @@ def residual_excess(looked: Looked, frame: Frame, pose: int = 0) -> float:
         frame: the image.
         pose: its number.
     """
-    on = looked.matched[pose] & (np.abs(looked.deeper[pose]) < TUNING.same_surface)
-    sigma = frame.camera.depth_noise(looked.z[pose][on]) * np.maximum(looked.facing[pose][on], 0.2)
-    return excess(looked.distance[pose][on], np.maximum(sigma, TUNING.finest))
+    cuts = (TUNING.same_surface, 0.2, TUNING.finest)
+    scatter, count = median_excess(looked.told[pose], looked.flags[pose], frame.noise, cuts)
+    return excess_of(scatter, count)

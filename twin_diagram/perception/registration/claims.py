@@ -16,13 +16,14 @@ import cv2
 import numpy as np
 
 from twin_diagram.perception.depth_noise import TUNING as DEPTH
+from twin_diagram.perception.registration.claim_kernels import lay, pulls
 from twin_diagram.perception.registration.colour_shift import ShiftEvidence
 from twin_diagram.perception.registration.data_association import Looked, Poses
-from twin_diagram.perception.registration.fit_kernels import lay
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
-from twin_diagram.perception.registration.residuals import colour_terms, depth_pairs, opposite_pairs
+from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
+from twin_diagram.perception.registration.residuals import colour_terms, pair_rules
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import one_layout
 
@@ -62,9 +63,8 @@ def spread(a: Array, u: Array, v: Array, sigma: float) -> Array:
     """
     cell = sigma / TUNING.cell if sigma > 0.0 else 1.0
     margin = 4 * int(np.ceil(TUNING.cell)) if sigma > 0.0 else 0
-    # In single precision, of numbers about 1: six digits of a covariance are more than it is worth.
-    size = np.maximum(np.abs(a).max(axis=0), 1e-300)
-    laid = lay(one_layout(a / size), u, v, cell, margin)
+    # Six digits of a covariance are more than it is worth.
+    laid, size = lay(one_layout(a), one_layout(u), one_layout(v), cell, margin)
     if sigma > 0.0:
         laid = cv2.GaussianBlur(laid, (0, 0), TUNING.cell)
     flat = laid.reshape(-1, a.shape[1])
@@ -104,21 +104,21 @@ def claim(
         colour_share: weight of colours.
         excess: by which factor depth errs more than the data sheet says.
     """
-    camera = frame.camera
-    J, w, _ = depth_pairs(looked, frame, reach)
-    on = w[0] > 0.0
-    a, n, seen = (J[0] * w[0][:, None])[on], looked.n[0][on], (looked.r[0] + pose.p[0])[on]
-    H = a.T @ J[0][on]
-    if points_W is not None and len(points_W):
-        opposite = opposite_pairs(model, points_W, pose, camera.p_WC, reach)
-        H = H + opposite.H
-        a = np.concatenate([a, opposite.J * opposite.w[:, None]])
-        n, seen = np.concatenate([n, opposite.n]), np.concatenate([seen, opposite.seen])
-    S = np.zeros((6, 6))
+    H, S = np.zeros((6, 6)), np.zeros((6, 6))
+    a, u, v = pulls(
+        looked.told[0],
+        looked.flags[0],
+        (one_layout(pose.R[0]), one_layout(pose.p[0])),
+        np.empty((0, 3)) if points_W is None else one_layout(points_W),
+        frame.view,
+        frame.noise,
+        model.cloud,
+        (reach, RESIDUALS.deepest, RESIDUALS.model_noise),
+        pair_rules(model.spacing),
+        H,
+    )
     if len(a):
-        u, v, z = camera.project(seen)
-        ray = (seen - camera.p_WC) / z[:, None]
-        S = field_covariance(a * (np.einsum("ni,ni->n", n, ray) * camera.depth_noise(z))[:, None], u, v, frame, excess)
+        S = field_covariance(a, u, v, frame, excess)
     widest = np.diag(np.repeat(np.square(TUNING.widest), 3) ** -1.0)
     evidence = None
     if colour_share > 0.0:

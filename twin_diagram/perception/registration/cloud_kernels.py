@@ -99,21 +99,56 @@ def nearest(local: Array, grid: PointGrid, reach: float, distance: Array, index:
 
 
 @compiled
-def within(points_W: Array, R: Array, p: Array, grid: PointGrid, reach: float) -> Mask:
-    """Return which points (N, 3) in W lie within `reach` of a cloud at R (3, 3), p (3,)."""
-    result = np.empty(points_W.shape[0], dtype=np.bool_)
-    _mark_within(points_W, R, p, grid, reach, np.empty(3), result)
-    return result
+def within(
+    points_W: Array, pose: tuple[Array, Array], grid: PointGrid, radius: float, reach: float, most: int
+) -> Index:
+    """Return the numbers of points (N, 3) in W within `reach` of a cloud that is within `radius` of its origin.
+
+    Of points that are near enough to the origin about `most` are looked at, evenly; -1: all.
+
+    Args:
+        points_W: (N, 3).
+        pose: R (3, 3), p (3,).
+        grid: of the cloud.
+        radius: see there [m].
+        reach: see there [m].
+        most: see there.
+    """
+    near = np.empty(points_W.shape[0], dtype=np.int64)
+    count = _all_near(points_W, pose[1], (radius + reach) ** 2, near)
+    step = 1 if most < 0 else max(1, count // most)
+    return near[: _keep_within(points_W, pose, grid, reach, (step, count), np.empty(3), near)]
 
 
 @compiled_in_place
-def _mark_within(
-    points_W: Array, R: Array, p: Array, grid: PointGrid, reach: float, local: Array, result: Mask
-) -> None:
-    """Write what `within` returns; local (3,) is written over."""
+def _all_near(points_W: Array, p: Array, squared: float, near: Index) -> int:
+    """Write the numbers of points whose squared distance to p (3,) is less; return how many there are."""
+    count = 0
     for k in range(points_W.shape[0]):
-        into(points_W[k], R, p, local)
-        result[k] = nearest_one(local[0], local[1], local[2], grid, reach)[1] >= 0
+        x, y, z = points_W[k, 0] - p[0], points_W[k, 1] - p[1], points_W[k, 2] - p[2]
+        near[count] = k
+        count += x * x + y * y + z * z < squared
+    return count
+
+
+@compiled_in_place
+def _keep_within(
+    points_W: Array,
+    pose: tuple[Array, Array],
+    grid: PointGrid,
+    reach: float,
+    steps: tuple[int, int],
+    local: Array,
+    near: Index,
+) -> int:
+    """Move those that are kept to the front of `near`; return how many there are; local (3,) is written over."""
+    kept = 0
+    for k in range(0, steps[1], steps[0]):
+        into(points_W[near[k]], pose[0], pose[1], local)
+        if nearest_one(local[0], local[1], local[2], grid, reach)[1] >= 0:
+            near[kept] = near[k]
+            kept += 1
+    return kept
 
 
 @compiled_in_place

@@ -14,6 +14,7 @@ from twin_diagram.perception.registration.point_kernels import (
     DEEPER,
     DISTANCE,
     FACING,
+    MATCHED,
     NEAR,
     ROBOT,
     SEEN,
@@ -153,24 +154,23 @@ def _count(
 
 
 @compiled
-def lay(a: Array, u: Array, v: Array, cell: float, margin: int) -> npt.NDArray[np.float32]:
-    """Return an image (h, w, k) of the sums of rows a (N, k) over square cells [px], with empty cells all round.
+def median_excess(
+    told: Array, flags: npt.NDArray[np.uint8], noise: NoiseLaw, cuts: tuple[float, float, float]
+) -> tuple[float, int]:
+    """Return the median size of residuals (P,) in deviations of depth, 0 of none, and how many there are.
 
     Args:
-        a: (N, k).
-        u: (N,) where they are [px].
-        v: (N,).
-        cell: edge of a cell [px].
-        margin: cells all round.
+        told: (P, COLUMNS).
+        flags: (P,).
+        noise: of depth.
+        cuts: how much deeper is something else [m]; a surface is no steeper than of this cosine; no depth is more
+            exact [m].
     """
-    left, top, right, bottom = u[0], v[0], u[0], v[0]
-    for k in range(u.shape[0]):
-        left, right = min(left, u[k]), max(right, u[k])
-        top, bottom = min(top, v[k]), max(bottom, v[k])
-    width, height = int(np.rint((right - left) / cell)) + 1, int(np.rint((bottom - top) / cell)) + 1
-    image = np.zeros((height + 2 * margin, width + 2 * margin, a.shape[1]), dtype=np.float32)
-    for k in range(u.shape[0]):
-        line, column = int(np.rint((v[k] - top) / cell)) + margin, int(np.rint((u[k] - left) / cell)) + margin
-        for i in range(a.shape[1]):
-            image[line, column, i] += a[k, i]
-    return image
+    deeper, least_facing, finest = cuts
+    size, n = np.empty(told.shape[0]), 0
+    for k in range(told.shape[0]):
+        if flags[k] & MATCHED and abs(told[k, DEEPER]) < deeper:
+            depth = noise.floor + noise.growth * (told[k, Z] - noise.start) ** 2
+            size[n] = abs(told[k, DISTANCE]) / max(depth * max(told[k, FACING], least_facing), finest)
+            n += 1
+    return (float(np.median(size[:n])) if n else 0.0), n

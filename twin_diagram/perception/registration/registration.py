@@ -11,7 +11,7 @@ from twin_diagram import scenario
 from twin_diagram.perception.registration.assessment import judge, residual_excess
 from twin_diagram.perception.registration.claims import TUNING as CLAIMS
 from twin_diagram.perception.registration.claims import claim
-from twin_diagram.perception.registration.cloud_kernels import PairRules, within
+from twin_diagram.perception.registration.cloud_kernels import within
 from twin_diagram.perception.registration.colour_shift import ShiftEvidence
 from twin_diagram.perception.registration.data_association import TUNING as LOOKING
 from twin_diagram.perception.registration.data_association import Poses, look
@@ -27,8 +27,7 @@ from twin_diagram.perception.registration.refinement_kernels import (
     StepSizes,
     refine_poses,
 )
-from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
-from twin_diagram.perception.registration.residuals import term_rules
+from twin_diagram.perception.registration.residuals import pair_rules, term_rules
 from twin_diagram.perception.registration.silhouette import TUNING as SILHOUETTE
 from twin_diagram.perception.registration.silhouette import Silhouette
 from twin_diagram.perception.segmentation.segments import Segments
@@ -70,9 +69,6 @@ class Tuning:
 
     widest: tuple[float, ...] = CLAIMS.widest
     """Standard deviations where the image says nothing [rad], [m]."""
-
-    point_to_point: float = 0.1
-    """Weight of point-to-point beside point-to-plane, where the image pulls on the model: a plane does not slide."""
 
 
 TUNING = Tuning()
@@ -181,7 +177,7 @@ def _rules(model: ModelCloud, frame: Frame, params: scenario.Registration, cours
         noise=frame.noise,
         terms=term_rules(colour_weight(model, params)),
         outline=SILHOUETTE.cuts,
-        pairs=PairRules(t.point_to_point, 2.0 * RESIDUALS.model_noise, model.spacing),
+        pairs=pair_rules(model.spacing),
         sizes=StepSizes(params.reach, t.narrow, t.least_gain, *bounds),
         course=course,
     )
@@ -246,13 +242,8 @@ def claimed(
     model: ModelCloud, segments: Segments, R: Array, p: Array, reach: float, most: int | None = None
 ) -> npt.NDArray[np.int64]:
     """Return the indices of the segments' points within `reach` [m] of the surface, about `most` if that is given."""
-    local = segments.points_W - p
-    near = np.flatnonzero(np.einsum("ni,ni->n", local, local) < (model.radius + reach) ** 2)
-    if most is not None:
-        near = near[:: max(1, len(near) // most)]
-    if not near.size:
-        return near
-    return np.asarray(near[within(segments.points_W[near], one_layout(R), p, model.nearest.grid, reach)])
+    points, pose = one_layout(segments.points_W), (one_layout(R), one_layout(p))
+    return within(points, pose, model.nearest.grid, model.radius, reach, -1 if most is None else most)
 
 
 def label_of(segments: Segments, own: npt.NDArray[np.int64]) -> int:

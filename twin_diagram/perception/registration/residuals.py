@@ -8,8 +8,8 @@ and minimises by Gauss-Newton over a left perturbation (rotation, translation) i
 (the point-to-plane distance of the depth point y seen at the pixel of model point x with normal n; and the difference
 of image and model colour, as in Park, Zhou, Koltun: Colored Point Cloud Registration Revisited, ICCV 2017), with Tukey
 weights. The brightness g(n) = a + b · n is fitted along, because light and shade are the scene's and not the object's.
-The opposite direction is added with `opposite_pairs`: points of the image that no model point explains pull the model
-towards them.
+The opposite direction is added with `cloud_kernels.opposite`: points of the image that no model point explains pull the
+model towards them.
 """
 
 from __future__ import annotations
@@ -20,18 +20,16 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.perception.registration.cloud_kernels import PairRules, opposite
+from twin_diagram.perception.registration.cloud_kernels import PairRules
 from twin_diagram.perception.registration.colour_kernels import gains, sloped_colours
 from twin_diagram.perception.registration.colour_shift import ColourShift, ShiftEvidence
 from twin_diagram.perception.registration.data_association import Looked, Poses
 from twin_diagram.perception.registration.frame import Frame
-from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.refinement_kernels import TermRules
 from twin_diagram.perception.registration.residual_kernels import ColourSums, colour_normal, colour_weights
 from twin_diagram.perception.registration.rotation import log, screw
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -60,6 +58,9 @@ class Tuning:
 
     colour_cut: float = 0.30
     """A colour farther off than this is another thing's."""
+
+    point_to_point: float = 0.1
+    """Weight of point-to-point beside point-to-plane, where the image pulls on the model: a plane does not slide."""
 
 
 TUNING = Tuning()
@@ -159,55 +160,6 @@ def toward(poses: Poses, goal: Poses, information: Array) -> Normal:
     return Normal(np.broadcast_to(np.diag(information), (len(miss), 6, 6)), miss * information)
 
 
-@dataclass(frozen=True)
-class OppositePairs:
-    """Image points paired with their nearest model points.
-
-    Attributes:
-        seen: (N, 3) the image's points in W [m].
-        J: (N, 6) of their distance to the model's surface.
-        w: (N,) weights.
-        n: (N, 3) the model's normals in W.
-        H: (6, 6) normal equations, sliding included.
-        b: (6,).
-    """
-
-    seen: Array
-    J: Array
-    w: Array
-    n: Array
-    H: Array
-    b: Array
-
-
-def opposite_pairs(
-    model: ModelCloud, points_W: Array, poses: Poses, p_WC: Array, reach: float, share: float = 0.1
-) -> OppositePairs:
-    """Return the opposite direction, for one pose: image points to their nearest model points.
-
-    Point-to-plane, and with weight `share` point-to-point; a point-to-point distance within the model's own spacing is
-    none. A point whose nearest model point faces away from the camera is left out: it is the other side of a thin wall.
-
-    Args:
-        model: the object.
-        points_W: (N, 3) points that should be the object's.
-        poses: one pose.
-        p_WC: where the camera is.
-        reach: pairs farther apart are cut [m].
-        share: weight of the point-to-point part.
-    """
-    count = len(points_W)
-    J, w, n = np.empty((count, 6)), np.empty(count), np.empty((count, 3))
-    H, b = np.zeros((6, 6)), np.zeros(6)
-    opposite(
-        one_layout(points_W),
-        (one_layout(poses.R[0]), one_layout(poses.p[0])),
-        p_WC,
-        model.cloud,
-        reach,
-        PairRules(share, 2.0 * TUNING.model_noise, model.spacing),
-        (J, w, n),
-        (H, b),
-    )
-    on = w >= 0.0
-    return OppositePairs(points_W[on], J[on], w[on], n[on], H, b)
+def pair_rules(spacing: float) -> PairRules:
+    """Return how image points are paired with a model's that lie some `spacing` [m] apart."""
+    return PairRules(TUNING.point_to_point, 2.0 * TUNING.model_noise, spacing)

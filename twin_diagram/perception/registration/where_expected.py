@@ -256,8 +256,8 @@ def held_by_planes(
 def floats(known: Known, view: View, one: RegisteredPose) -> bool:
     """Return whether an object is in the air."""
     table = view.frame.table
-    at = known.model.points @ one.R.T + one.p
-    return float((at[:, 2] - at[:, :2] @ table[:2]).min() - table[2]) >= TUNING.floats
+    up = np.array([-table[0], -table[1], 1.0])
+    return float((known.model.points @ (up @ one.R)).min() + up @ one.p - table[2]) >= TUNING.floats
 
 
 def believable(result: RegisteredPose, params: scenario.Registration, R: Array, p: Array) -> bool:

@@ -22,7 +22,7 @@ from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed, reach_at
 from twin_diagram.perception.things.hulls import few_corners, inside
 from twin_diagram.perception.things.motion import MOTION_SIZE, ShownMotion, shown_again, velocity_of
-from twin_diagram.perception.things.seen_through import seen_through
+from twin_diagram.perception.things.seen_through import looked_at, seen_through
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus
 from twin_diagram.signals.things import COAST, CORNERS, PIECES, THING_SIZE, Thing
@@ -227,7 +227,7 @@ def seen(slot: Remembered, points: Array, segments: Segments) -> Remembered:
     if still and _share_inside(slot, points, segments) >= TUNING.whole:
         thing = replace(slot.thing, last_seen=time, status=_status(slot, time), middle=middle)
         return replace(slot, thing=thing, empty=0)
-    there = np.array([seen_through(place[None], segments).hidden > 0.5 for place in slot.samples], dtype=bool)
+    there = ~np.logical_or(*looked_at(slot.samples, segments))
     # What an arm hides of a thing that stands still is still there.
     hidden = slot.samples[there] if away < TUNING.moved else np.zeros((0, 3))
     made = _made(slot, np.concatenate([points, hidden]), segments)

@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
+
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,13 @@ def seen_through(places_W: Array, segments: Segments) -> Seen:
     """Look places (N, 3) in W up in an image; with none, all is hidden."""
     if not len(places_W):
         return Seen(0.0, 0.0, 1.0)
+    there, empty = looked_at(places_W, segments)
+    shares = float(there.mean()), float(empty.mean())
+    return Seen(*shares, 1.0 - sum(shares))
+
+
+def looked_at(places_W: Array, segments: Segments) -> tuple[Mask, Mask]:
+    """Return (N,) which of places (N, 3) in W an image shows to be there, and which to be empty; others are hidden."""
     u, v, z = segments.camera.project(places_W)
     height, width = segments.depth.shape
     within = (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5) & (z > 1e-3)
@@ -51,6 +61,4 @@ def seen_through(places_W: Array, segments: Segments) -> Seen:
     farther = depth - z
     slack = TUNING.slack + TUNING.sigmas * segments.camera.depth_noise(z)
     # The robot behind a place shows it to be empty as anything else does; what of it is at the place tells nothing.
-    there, empty = measured & (np.abs(farther) <= slack) & (label != SEGMENTS.robot), measured & (farther > slack)
-    shares = float(there.mean()), float(empty.mean())
-    return Seen(*shares, 1.0 - sum(shares))
+    return measured & (np.abs(farther) <= slack) & (label != SEGMENTS.robot), measured & (farther > slack)

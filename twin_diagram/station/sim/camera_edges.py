@@ -41,16 +41,17 @@ def jittered(depth: Depth, jitter: float, sigma: float, rng: np.random.Generator
     shape = (depth.shape[0], depth.shape[1])
     radius = max(1, round(TUNING.band * jitter))
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
-    row, column = np.nonzero(cv2.dilate(edges(depth).view(np.uint8), kernel))
+    index = np.flatnonzero(cv2.dilate(edges(depth).view(np.uint8), kernel).view(bool))
+    row, column = np.divmod(index, shape[1])
     there = []
     for at, size in zip((row, column), shape, strict=True):
-        aside = jitter * correlated(shape, sigma, rng)[row, column]
+        aside = jitter * correlated(shape, sigma, rng).take(index)
         there.append(np.clip(np.rint(at + aside), 0, size - 1).astype(np.intp))
-    own, other = depth[row, column], depth[there[0], there[1]]
+    own, other = depth.take(index), depth.take(there[0] * shape[1] + there[1])
     # Within a surface nothing moves: its noise is told by the RMS already.
     across = edge_between(own, other)
     result = depth.copy()
-    result[row[across], column[across]] = other[across]
+    result.ravel()[index[across]] = other[across]
     return result
 
 
@@ -70,11 +71,13 @@ def flying(depth: Depth, at: Mask, share: float, rng: np.random.Generator) -> De
     """
     if share <= 0:
         return depth
-    kernel = np.ones((3, 3), np.uint8)
     index = np.flatnonzero(at & (depth > 0))
     index = index[rng.random(len(index), dtype=np.float32) < np.float32(share)]
-    near = cv2.erode(np.where(depth > 0, depth, np.float32(np.inf)), kernel).ravel()[index]
-    far = cv2.dilate(depth, kernel).ravel()[index]
+    row, column = np.divmod(index, depth.shape[1])
+    rows = np.clip(row + np.array([[-1], [0], [1]]), 0, depth.shape[0] - 1)
+    columns = np.clip(column + np.array([[-1], [0], [1]]), 0, depth.shape[1] - 1)
+    around = depth[rows[:, None], columns].reshape(9, -1)
+    near, far = np.where(around > 0, around, np.float32(np.inf)).min(axis=0), around.max(axis=0)
     result = depth.copy()
     result.ravel()[index] = near + rng.random(len(index), dtype=np.float32) * (far - near)
     return result

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.station.depth_units import Depth
 from twin_diagram.station.sim.camera_profiles import CameraFaults
 from twin_diagram.station.sim.noise import Stream, generator
 
@@ -55,15 +54,6 @@ def correlated(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -
     scale = np.float32(1.0 / (kept * np.sqrt((256.0**2 - 1.0) / 12.0)))
     blurred = cv2.sepFilter2D(white, cv2.CV_32F, kernel * scale, kernel)[rim:-rim, rim:-rim]
     return np.asarray(blurred - np.float32(127.5) * scale)
-
-
-def depth_rms(depth: Depth, faults: CameraFaults) -> Field:
-    """Return the RMS error [m] at depths [m], any shape."""
-    beyond = depth - np.float32(faults.depth_noise_start)
-    beyond *= beyond
-    beyond *= np.float32(faults.depth_noise)
-    beyond += np.float32(faults.depth_noise_floor)
-    return beyond
 
 
 class DepthNoiseField:

@@ -6,14 +6,16 @@ import numpy as np
 
 from twin_diagram.scenario import Camera
 from twin_diagram.signals.lens import Lens
-from twin_diagram.station.depth_units import Depth, whole_units
+from twin_diagram.station.depth_units import TUNING as UNITS
+from twin_diagram.station.depth_units import Depth
 from twin_diagram.station.sim.camera_defects import edges
 from twin_diagram.station.sim.camera_edges import Mask, flying, jittered
 from twin_diagram.station.sim.camera_materials import Reflections, incidence_cosine
 from twin_diagram.station.sim.camera_noise import TUNING as NOISE
-from twin_diagram.station.sim.camera_noise import DepthNoiseField, depth_rms
+from twin_diagram.station.sim.camera_noise import DepthNoiseField
 from twin_diagram.station.sim.camera_profiles import CameraFaults
 from twin_diagram.station.sim.noise import Stream, generator
+from twin_diagram.station.sim.picture_kernels import delivered
 
 
 class DepthSensor:
@@ -55,8 +57,15 @@ class DepthSensor:
         depth = jittered(depth, off.edge_jitter * self._pixel, off.correlation * self._pixel, rng)
         at = edges(depth)
         depth = flying(depth, at, off.flying_pixels, rng)
-        depth = depth + np.where(depth > 0, depth_rms(depth, off) * self._noise.frame(number), np.float32(0.0))
         lost = np.flatnonzero(at)
         depth.ravel()[lost[rng.random(len(lost), dtype=np.float32) < off.edge_dropout]] = 0.0
-        depth[(depth < self._range[0]) | (depth > self._range[1])] = 0.0
-        return whole_units(depth * np.float32(self._scale), self._unit)
+        single = np.float32
+        delivered(
+            depth.ravel(),
+            self._noise.frame(number).ravel(),
+            (single(off.depth_noise_start), single(off.depth_noise), single(off.depth_noise_floor)),
+            (single(self._range[0]), single(self._range[1])),
+            single(self._scale),
+            (single(1.0 / self._unit), self._unit, single(UNITS.most_units)),
+        )
+        return depth
