@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -10,6 +13,10 @@ from twin_diagram.assets.building.flat_faces import flat_faces, flattened
 from twin_diagram.assets.building.write_asset import feet
 from twin_diagram.assets.description import TUNING as SDF
 from twin_diagram.signals.arrays import Array
+
+sys.path.append(str(Path(__file__).resolve().parents[3] / "sims" / "benchmarks"))
+
+from foreign_truth import shapes
 
 NOISE = 3e-5
 """Of a surface that `learn` measured [m]."""
@@ -82,3 +89,12 @@ def test_pieces_are_cut_at_flat_faces() -> None:
     assert (np.asarray(box.vertices) @ planes[:, :3].T + planes[:, 3]).max() > 3e-4
     assert (flat @ planes[:, :3].T + planes[:, 3]).max() < 1e-6
     assert np.linalg.norm(flat - box.vertices, axis=1).max() < 1e-3
+
+
+@pytest.mark.parametrize("seed", [5, 18, 27])
+def test_a_handles_outermost_strip_is_no_face_across_the_mug(seed: int) -> None:
+    """A plane through the middle of a mug was taken for one, and the pieces beyond it were pressed onto it."""
+    mug = shapes.library(np.random.default_rng([seed, 1]))[0].whole()
+    planes = flat_faces(np.asarray(mug.vertices)[np.asarray(mug.faces)])
+    assert {(0, 0, -1)} <= set(sides(planes)) <= {(0, 0, -1), (0, 0, 1)}
+    assert float((mug.vertices @ planes[:, :3].T + planes[:, 3]).max()) < 1e-6

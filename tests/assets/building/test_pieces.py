@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -101,6 +102,22 @@ def test_where_taking_apart_fails_the_hull_holds(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(pieces, "_taken_apart", lambda vertices, faces: [])
     made = of(corner(), 3.2e-4)
     assert len(made.vertices) == 1 and "could not be taken apart" in made.how
+
+
+@pytest.mark.parametrize("thick", [0.0, 1e-17, 1e-12])
+def test_slivers_of_a_taken_apart_thing_are_no_pieces(monkeypatch: pytest.MonkeyPatch, thick: float) -> None:
+    """V-HACD made one of a mug, flat but for rounding: it passed for a piece, and then had no hull to be written."""
+    rng = np.random.default_rng(42)
+    flat = rng.uniform(-0.05, 0.05, (42, 3)) * [1.0, 1.0, 0.0] + rng.normal(0.0, 1.0, (42, 1)) * [0.0, 0.0, thick]
+    whole = box(0.1, 0.2, 0.05).vertices
+
+    def made(command: list[str], **how: object) -> subprocess.CompletedProcess[bytes]:
+        np.savez(command[-1], a=flat, b=whole, c=np.full((5, 3), np.nan), d=whole[:3])
+        return subprocess.CompletedProcess(command, 0, b"", b"")
+
+    monkeypatch.setattr(subprocess, "run", made)
+    (piece,) = pieces._taken_apart(whole, np.array([[0, 1, 2]]))
+    np.testing.assert_allclose(piece, whole)
 
 
 def test_what_takes_too_long_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:

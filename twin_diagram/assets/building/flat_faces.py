@@ -96,9 +96,13 @@ def _face(points: Array, own: Array, normals: Array, n: Array) -> Array | None:
     on = np.abs(height - np.quantile(height, 0.98)) < SDF.foot
     least = max(TUNING.least * len(points), TUNING.share * on.sum())
     for _ in range(TUNING.rounds):
+        if on.sum() < len(n):  # too few for a plane: the end of something thin
+            return None
         middle = own[on].mean(axis=0)
         axes = np.linalg.svd(own[on] - middle, full_matrices=False)[2]
         up = axes[2] * np.sign(axes[2] @ n)
+        if up @ n < np.cos(TUNING.cone):  # a strip that is thinner than it is high, as a handle's outermost is
+            return None
         off = (own - middle) @ up
         noise = max(1.4826 * float(np.median(np.abs(off[on] - np.median(off[on])))), TUNING.exact)
         on = np.abs(off) < TUNING.spreads * noise

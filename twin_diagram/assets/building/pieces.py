@@ -228,7 +228,8 @@ def _taken_apart(vertices: Array, faces: Faces) -> list[Array]:
 
 
 def _has_volume(piece: Array) -> bool:
+    """Return whether a piece (m, 3) has one: slivers of V-HACD's are flat but for rounding."""
     try:
-        return len(piece) >= 4 and bool(np.isfinite(piece).all()) and ConvexHull(piece).volume > 0
-    except QhullError:
+        return hull_of(piece).volume > 0.0
+    except AssetError:
         return False

@@ -16,6 +16,7 @@ from twin_diagram.perception.registration.cloud_kernels import SurfaceCloud
 from twin_diagram.perception.registration.nearest_points import NearestPoints
 from twin_diagram.perception.registration.point_kernels import PointTable
 from twin_diagram.perception.registration.rotation import exp
+from twin_diagram.perception.registration.round_body import is_round
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import one_layout
 
@@ -103,6 +104,11 @@ class ModelCloud:
     def coloured(self) -> bool:
         """Whether its colours say anything: those of a mesh without any are one grey, and veto nothing."""
         return bool(np.abs(self.colours[0] - self.colours[0].mean()).max() > TUNING.grey)
+
+    @cached_property
+    def is_round(self) -> bool:
+        """Whether its shape is round about an axis of O, all of it."""
+        return self.asset.symmetric_axis == "z" or is_round(self.points, self.normals)
 
     @cached_property
     def view_area(self) -> float:

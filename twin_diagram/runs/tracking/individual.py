@@ -8,6 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from twin_diagram.perception.registration.alternatives import PoseHypothesis
+from twin_diagram.perception.registration.data_association import Poses
+from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.naming import TUNING as NAMING
+from twin_diagram.perception.registration.naming import Naming
+from twin_diagram.perception.registration.plain_body import most_of_name
 from twin_diagram.perception.registration.settling import SettledPose, apart
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, predict
@@ -46,6 +52,9 @@ class Tuning:
     forgotten_aloft: float = 0.5
     """… and one that was carried [s]: `slots` goes on with a speed for 0.3 s."""
 
+    points: int = 300
+    """Points of an object that show whether it is told from a plain body."""
+
 
 TUNING = Tuning()
 
@@ -62,6 +71,7 @@ class Individual:
         rivals: what it may be mistaken for, as X_OO' (turn, shift) and probability, from when it was found.
         followed: whether the frame before showed it.
         posed: probability of its pose among those that the last frame that showed it allows.
+        told_name: by how much a frame has told it from a plain body of the same surface in view, at most [nat].
     """
 
     track: int
@@ -71,6 +81,22 @@ class Individual:
     rivals: tuple[tuple[Array, Array, float], ...] = ()
     followed: bool = False
     posed: float = 1.0
+    told_name: float = 0.0
+
+    def named(self, said: Naming, model: ModelCloud, frame: Frame, shown: Poses | None) -> float:
+        """Return the probability of its name: no more than frames can tell, unless somebody told it.
+
+        Args:
+            said: its name, as sure as what fits makes it.
+            model: what it is named.
+            frame: the image.
+            shown: its pose, if this frame shows it.
+        """
+        if said == Naming():
+            return said.probability
+        if shown is not None and self.told_name < NAMING.certain:
+            self.told_name = max(self.told_name, most_of_name(model, frame, shown, TUNING.points))
+        return replace(said, odds=min(said.odds, self.told_name)).probability
 
     def believed(self, found: bool, shape: float, whole: float, since: float, aloft: bool = False) -> float:
         """Return how probable it is after a frame, of which `whole` could be seen, and of that `shape` fits.

@@ -81,7 +81,7 @@ class TrackedObject:
         hypotheses: poses that the frame allows, with probabilities that sum to 1; the first is the pose.
         pieces: vertices of convex pieces, of unknown things.
         found: in this very frame.
-        named: probability of its name.
+        named: probability of its name: even where a plain body would show the same.
         by_shape: shape alone tells it.
         symmetric: no turn about O's z axis is told.
     """
@@ -285,21 +285,23 @@ class ObjectTracker:
             shown = found or expected(slot, one.filter, belief.poses[k], covariance[k], now)
             R, p = shown.R, shown.p
             model = self._model(one)
-            fit = assess(model, frame, Poses(R[None], p[None]), self._params.model_points)
+            at = Poses(R[None], p[None])
+            fit = assess(model, frame, at, self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
             usual = slot.alike if found is not None else 0.0
             fits = min(shape, float(fit.likeness[0]) / (BELIEF.alike * usual)) if usual > 0.0 else shape
             there = one.believed(found is not None, fits, whole, since, slot.aloft)
             if shown.hypotheses:
                 one.posed = share_of_first(shown.hypotheses, self._symmetries(one))
-            sure = there * slot.named.probability * min(one.posed, probability(slot.odds))
+            named = one.named(slot.named, model, frame, at if found is not None else None)
+            sure = there * named * min(one.posed, probability(slot.odds))
             life = ObjectStatus(int(status[k])).name.lower()
             if found is None and there < 0.5:
                 life = ObjectStatus.LOST.name.lower()
             visible = whole if found is not None else whole * shape
             only = shown.hypotheses or (PoseHypothesis(R, p, shown.spread, 1.0),)
             name = self.names[one.asset]
-            how = (found is not None, slot.named.probability, slot.by_shape, bool(axes[k, 2]))
+            how = (found is not None, named, slot.by_shape, bool(axes[k, 2]))
             result.append(TrackedObject(one.track, name, life, sure, visible, R, p, shown.spread, only, (), *how))
         return result
 
