@@ -44,9 +44,9 @@ class Tuning:
     folds: int = 5
     """Kinds of motion that are left out in turn."""
 
-    slid: int = 120
+    slid: int = 80
     """Samples that slide, from which on a joint needs none at which it may be held: neighbours say half the same, and
-    sixty are four times the coefficients that a link and its joint have."""
+    forty are three times the coefficients that a link and its joint have."""
 
     dead: float = 1e-9
     """Share of itself by which a torque must change to be one: what is not logged, or a brake holds, tells nothing."""
