@@ -30,6 +30,18 @@ def test_sums_say_what_a_difference_leaves() -> None:
     np.testing.assert_allclose(np.sum(sums.counts, axis=0), np.sum(sums.weights, axis=0))
 
 
+@pytest.mark.parametrize(("moves", "kept"), [(0.25, 0.0), (0.05, 1.0)])
+def test_a_joint_that_mostly_rests_is_told_by_how_it_slides(moves: float, kept: float) -> None:
+    """What holds it is no friction that slides. Where too few samples slide, all count."""
+    time, q, v, a = swing(24.0)
+    moving = np.arange(len(time)) < moves * len(time)
+    for x, rest in ((q, q[np.argmin(moving), ELBOW]), (v, 0.0), (a, 0.0)):
+        x[~moving, ELBOW] = rest
+    sums = equations(Records(ARM, (record(ARM, time, q, v, a),)))
+    held = ~moving[sums.records.records[0].kept]
+    assert np.mean(sums.weights[held, ELBOW]) == kept
+
+
 def test_what_links_weigh_beyond_the_description_pulls_aside_on_a_tilted_base() -> None:
     """Nothing else does: such columns span what a link that is off adds to a tilted arm's torque, level ones do not."""
     tilt = effect("gravity_tilt", roll=0.15, pitch=-0.1)

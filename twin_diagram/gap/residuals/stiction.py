@@ -78,6 +78,7 @@ def sliding(
     slowest: Array | None = None,
     turning: bool = False,
     coupled: Iterable[tuple[int, int]] = (),
+    many: float = np.inf,
 ) -> Array:
     """Return (ΣD, n) weights of reduced samples: 0 where one of `joints` may be sticking, else 1.
 
@@ -90,6 +91,7 @@ def sliding(
             dry
             friction, whose law knows of no such moments.
         coupled: pairs of joints with friction on the sum of their speeds, beside the given model's.
+        many: samples that slide, from which on a joint needs no others, for however small a share of the time it moves.
     """
     result = np.ones((sum(records.lengths), records.n))
     sticks = dry_joints(records)
@@ -101,7 +103,7 @@ def sliding(
                 for first, last in turns(record, j, terms.resting(j)):
                     still[first:last] = False
         weights = _away(records, rests)
-        if np.mean(weights) > TUNING.fewest or j in sticks:
+        if np.mean(weights) > TUNING.fewest or np.sum(weights) >= many or j in sticks:
             result[:, j] = weights
     for i, j in {*coupled, *coupled_pairs(records)}:
         unit = max(float(levers(records)[i]), float(levers(records)[j]))

@@ -1,6 +1,6 @@
 """What friction holds: samples at which a joint rests tell nothing that its dry friction could hold.
 
-A joint that mostly rests keeps its samples in the equations, as it may have no friction. What is asked of them alone,
+A joint that hardly moves keeps its samples in the equations, as it may have no friction. What is asked of them alone,
 though, as a push or torque that acts late, may be what holds it.
 """
 

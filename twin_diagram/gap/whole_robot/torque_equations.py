@@ -44,6 +44,10 @@ class Tuning:
     folds: int = 5
     """Kinds of motion that are left out in turn."""
 
+    slid: int = 80
+    """Samples that slide, from which on a joint needs none at which it may be held: neighbours say half the same, and
+    forty are three times the coefficients that a link and its joint have."""
+
     dead: float = 1e-9
     """Share of itself by which a torque must change to be one: what is not logged, or a brake holds, tells nothing."""
 
@@ -214,8 +218,8 @@ def equations(records: Records) -> TorqueEquations:
     ]
     records = replace(records, records=tuple(same))
     terms = Terms(records, given_load(records), slow_speed(records))
-    weights = stiction.sliding(records, terms, range(records.n)) * np.repeat(told, [len(k) for k in kept], axis=0)
-    weights *= ~stiction.unmoved(records)
+    weights = stiction.sliding(records, terms, range(records.n), many=TUNING.slid)
+    weights *= np.repeat(told, [len(k) for k in kept], axis=0) & ~stiction.unmoved(records)
     columns = np.concatenate([_columns(records, r, sign) for r, sign in zip(records.records, terms.signs, strict=True)])
     motion = np.hstack(records.motion[:2])
     gaps = np.concatenate([np.arange(len(k)) == 0 for k in kept])
