@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,16 @@ from twin_diagram.model.model import Model
 from twin_diagram.runs.learning.handling import ShownObject
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, plain
 from twin_diagram.runs.learning.shape_worker import SHAPE, read_shape
+from twin_diagram.runs.learning.taken_again import note_taken_again
 from twin_diagram.runs.learning.weighing import inertia_of, read_swung
 from twin_diagram.signals.arrays import Array
 
 
-def finish(record: LearningRecord, one: Learned, model: Model) -> None:
-    """Write an object's asset from shape and torques in its folder; what is wrong is noted in `one`, whatever it is."""
+def finish(record: LearningRecord, one: Learned, model: Model, learned: Sequence[Learned] = ()) -> None:
+    """Write an object's asset from shape and torques in its folder; what is wrong is noted in `one`, whatever it is.
+
+    Of `learned`, all objects so far, those that were lost and are this one are noted as taken again.
+    """
     folder: Path = record.of(one.name)
     try:
         if not (folder / SHAPE).is_file():
@@ -41,9 +46,10 @@ def finish(record: LearningRecord, one: Learned, model: Model) -> None:
                 one.figures["not weighed"] = in_words(error)
         figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured)
         one.figures = {**one.figures, **plain(figures)}
-        one.state, one.no_asset = "finished", ""
+        one.state, one.no_asset, one.taken_again = "finished", "", ""
     except Exception as error:  # of meshes, textures, files: the other objects go on
         one.state, one.no_asset = "failed", in_words(error)
+    note_taken_again(record, learned, one)
 
 
 def in_words(error: Exception) -> str:
