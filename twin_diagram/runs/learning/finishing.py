@@ -30,7 +30,7 @@ class Tuning:
     """Constants of this module, with their units and what set them."""
 
     at_rest: float = 0.05
-    """Standard error of a mass by the torques at rest alone [kg]: of eleven in four bins, whose arms' biases of 0.2 N·m
+    """Standard error of a mass by the torques at rest alone [kg]: of eleven in three bins, with biases of 0.2 N·m that
     nobody told, it was off by 39 g RMS, by 77 at the most."""
 
 

@@ -202,7 +202,7 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     followed, R_WS = _followed(tools), picked.taken.X_WT[:3, :3]
     result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.apart], R_WT=R_WS @ followed.X_ST[-1][:3, :3])
     hold_seen(tools, result)
-    stand_about_rest(tools.mover, tools.cell, tools.learning, picked.others)
+    stand_about_rest(tools.mover, tools.cell, tools.robot, tools.learning, picked.others)
     if followed.slips and len((calm := _followed(tools)).slips) < len(followed.slips):
         # By now it hangs as it will stay; pictures from while it slid fit each other less well.
         result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.apart], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])
