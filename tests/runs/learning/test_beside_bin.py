@@ -72,8 +72,14 @@ def test_once_something_was_taken_ways_keep_clear_of_what_had_counted_as_part_of
     cell: Any = SimpleNamespace(wait=lambda seconds: None, look=lambda name: left)
     stand_about(mover, LEARNING, [beside])
     assert mover.free(q, 0.002)[0]
-    stand_about_rest(mover, cell, LEARNING, [beside])
+    stand_about_rest(mover, cell, NO_ARM, LEARNING, [beside])
     assert not mover.free(q, 0.002)[0]
+    # An elbow over the bin stands in nobody's way.
+    elbow = box((0.42, -0.3, 0.4), (0.1, 0.1, 0.1))
+    arm: Any = SimpleNamespace(near=lambda points, q, margin, fingers: np.asarray(elbow.distance(points)[0]) < margin)
+    left = taken(elbow)
+    stand_about_rest(mover, cell, arm, LEARNING, [beside])
+    assert mover.free(q, 0.002)[0]
 
 
 def test_what_lies_on_the_table_is_taken_from_there_and_not_tipped_up(monkeypatch: pytest.MonkeyPatch) -> None:

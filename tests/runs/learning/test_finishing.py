@@ -13,7 +13,8 @@ from twin_diagram.assets.building.backends import ColouredSurface
 from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.assets.mesh import read_obj
 from twin_diagram.planning.grasps.known_object import read_known
-from twin_diagram.runs.learning.finishing import write_learned
+from twin_diagram.runs.learning.finishing import figures_of, write_learned
+from twin_diagram.runs.learning.handling import ShownObject
 
 MIDDLE = np.array([0.02, -0.03, 0.15])
 """Of the box in S, the frame of its pictures [m]."""
@@ -43,3 +44,15 @@ def test_an_assets_origin_is_the_centre_of_mass_its_axes_those_of_the_world(
     expected = (corners.reshape(-1, 3) - centre) @ R_WS.T
     np.testing.assert_allclose(seen.min(axis=0), expected.min(axis=0), atol=2e-5)
     np.testing.assert_allclose(seen.max(axis=0), expected.max(axis=0), atol=2e-5)
+
+
+def test_what_was_not_swung_weighs_what_torques_at_rest_said(tmp_path: Path) -> None:
+    corners = box_triangles(0.06, 0.04, 0.1) + MIDDLE
+    shape = ColouredSurface(corners, np.full((len(corners), 3, 2), 0.5), np.full((8, 8, 3), 200, np.uint8), 0.05, 0.001)
+    shown = ShownObject(mass_at_rest=1.2)
+    told = write_learned("box", tmp_path, shape, R_WS, None, figures_of(shown)["mass_at_rest"])
+    assert told["mass"] == pytest.approx(1.2) and told["mass_std"] == pytest.approx(0.05)
+    assert told["by"] == {"mass": "partly", "centre": "from shape alone", "inertia": "from shape alone"}
+    assert sorted(told["moments"]) == pytest.approx(1.2 / 12.0 * np.array([0.0052, 0.0116, 0.0136]), rel=1e-3)
+    assert told["moments_std"] is None and read_known(tmp_path / "box").mass == pytest.approx(1.2)
+    assert "mass_at_rest" not in figures_of(ShownObject())

@@ -214,7 +214,7 @@ def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
 def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_world_before_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def done_with(record: LearningRecord, one: Learned, model: Any) -> None:
+    def done_with(record: LearningRecord, one: Learned, model: Any, learned: list[Learned]) -> None:
         one.state = "finished"
 
     run = learner(Bin([]), tmp_path / "run", monkeypatch)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from tests.estimation.weighing.conftest import MODEL, POSTURE
 from twin_diagram import scenario
-from twin_diagram.estimation.weighing import Grip
+from twin_diagram.estimation.weighing import Grip, WeighingError
 from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model import Model
+from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.cell import Recording
 from twin_diagram.runs.learning.weighing import (
     Slipping,
@@ -157,3 +158,23 @@ def test_what_hangs_at_the_tool_is_as_heavy_as_torques_at_rest_say(mass: float, 
 
     cell: Any = SimpleNamespace(q=POSTURE, recording=recording, wait=lambda seconds: None)
     assert first_mass(model, cell) == pytest.approx(told, rel=1e-6)
+
+
+@pytest.mark.parametrize(("opening", "told"), [(0.04, 0.9), (0.001, None)])
+def test_what_cannot_be_swung_was_weighed_at_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opening: float, told: float | None
+) -> None:
+    def no_motion(*rest: Any) -> None:
+        raise WeighingError("no motion about this posture is clear")
+
+    monkeypatch.setattr(handling, "weigh_at_rest", lambda model, mover, cell: 0.9)
+    monkeypatch.setattr(handling, "swing_held", no_motion)
+    learning = scenario.Learning(into_bin=[[0.276, 0.166, 0.007], [0.564, 0.554, 0.12]])
+    mover = SimpleNamespace(blocked=lambda low, high: nullcontext())
+    tools: Any = SimpleNamespace(
+        learning=learning, mover=mover, cell=SimpleNamespace(opening=opening), model=None, driven=None
+    )
+    shown = handling.ShownObject(X_ST=[np.eye(4)])
+    with pytest.raises(WeighingError, match="no motion"):
+        handling.weigh_held(tools, shown, tmp_path)
+    assert shown.mass_at_rest == told and shown.swung is None

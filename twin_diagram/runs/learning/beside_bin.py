@@ -66,13 +66,20 @@ def stand_about(mover: Mover, learning: Learning, things: Sequence[SeenThing]) -
         mover.stand(where, [thing.points for thing in some], support_of(some[0], learning) if some else 0.0)
 
 
-def stand_about_rest(mover: Mover, cell: Cell, learning: Learning, others: Sequence[SeenThing]) -> None:
+def stand_about_rest(
+    mover: Mover, cell: Cell, robot: RobotShape, learning: Learning, others: Sequence[SeenThing]
+) -> None:
     """Keep ways clear of what lies in the bin once something was taken from it, and of what else was seen before.
 
-    What touched the thing may have counted as part of it, and what leant on it fell. The arm is not over the bin now.
+    What touched the thing may have counted as part of it, and what leant on it fell. The arm may reach over the bin.
     """
     low, high = (np.array(corner) for corner in learning.from_bin)
-    left = things_within(steady_picture(cell, learning.bin_camera), low, high)
+    picture = steady_picture(cell, learning.bin_camera)
+    left = [
+        one
+        for one in things_within(picture, low, high)
+        if robot.near(one.points, picture.q, TUNING.robot, picture.fingers).mean() < 0.5
+    ]
     stand_about(mover, learning, [*others, *left])
 
 

@@ -34,7 +34,7 @@ from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.seen_map import SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.steady_picture import steady_picture
-from twin_diagram.runs.learning.weighing import Slipping, slipped, swing_empty, swing_held, write_swung
+from twin_diagram.runs.learning.weighing import Slipping, slipped, swing_empty, swing_held, weigh_at_rest, write_swung
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
 
@@ -126,6 +126,7 @@ class ShownObject:
         seen: how well its surface was seen; None: it was not shown yet.
         seen_shares: of its surface, after each grasp.
         R_WT: (3, 3) the tool's axes in which it stands as it lay in the bin, held as it is now.
+        mass_at_rest: what it seemed to weigh before it was swung [kg]; None: nobody asked.
         swung: how it was swung; None: it was not.
         notes: what went otherwise than it should.
     """
@@ -136,6 +137,7 @@ class ShownObject:
     seen: SeenMap | None = None
     seen_shares: list[float] = field(default_factory=list)
     R_WT: Array = field(default_factory=lambda: np.eye(3))
+    mass_at_rest: float | None = None
     swung: Excitation | None = None
     notes: list[str] = field(default_factory=list)
 
@@ -198,10 +200,9 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     assert picked.taken is not None
     # S is the tool's frame in the first picture, and it has not been turned since it was taken.
     followed, R_WS = _followed(tools), picked.taken.X_WT[:3, :3]
-    result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.apart])
-    result.R_WT = R_WS @ followed.X_ST[-1][:3, :3]
+    result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.apart], R_WT=R_WS @ followed.X_ST[-1][:3, :3])
     hold_seen(tools, result)
-    stand_about_rest(tools.mover, tools.cell, tools.learning, picked.others)
+    stand_about_rest(tools.mover, tools.cell, tools.robot, tools.learning, picked.others)
     if followed.slips and len((calm := _followed(tools)).slips) < len(followed.slips):
         # By now it hangs as it will stay; pictures from while it slid fit each other less well.
         result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.apart], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])
@@ -288,15 +289,15 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
         WeighingError: no motion is within the limits.
         NothingHeld: it was lost.
     """
-    learning = tools.learning
     X_TS = np.asarray(np.linalg.inv(shown.X_ST[-1]), dtype=float)
-    low, high = (np.array(corner) for corner in learning.into_bin)
+    low, high = (np.array(corner) for corner in tools.learning.into_bin)
     # The empty hand is swung alike when one thing more stands there.
     with tools.mover.blocked(low, np.array([*high[:2], low[2] + TUNING.tallest])):
         try:
-            swung, shown.swung, mass = swing_held(
-                tools.model, tools.driven, tools.mover, tools.cell, X_TS, shown.followed.points, learning.weigh_seconds
-            )
+            mass = weigh_at_rest(tools.model, tools.mover, tools.cell)
+            shown.mass_at_rest = mass if tools.cell.opening > PICKING.empty else shown.mass_at_rest
+            held = X_TS, shown.followed.points, tools.learning.weigh_seconds
+            swung, shown.swung = swing_held(tools.driven, tools.mover, tools.cell, *held, mass)
         except Slipping:
             _find_turned(tools, shown)
             raise
@@ -378,10 +379,8 @@ def let_go(tools: Tools) -> PutDown | None:
         NoWay: there is no way home; the hand is empty.
     """
     low, high = (np.array(corner) for corner in tools.learning.into_bin)
-    over = pose(
-        pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])),
-        np.array([*(0.5 * (low + high)[:2]), low[2] + TUNING.dropped]),
-    )
+    place = np.array([*(0.5 * (low + high)[:2]), low[2] + TUNING.dropped])
+    over = pose(pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])), place)
     fell = None
     if tools.cell.shut and tools.cell.opening > PICKING.empty:
         with contextlib.suppress(NoWay):

@@ -354,7 +354,7 @@ class Learner:
                 self.record.event(object=one.name, stage="reconstruct", outcome=done.why)
                 self._say(f"{one.name}: {done.why}")
                 continue
-            finish(self.record, one, self.tools.model)
+            finish(self.record, one, self.tools.model, self.state.learned)
             self.record.event(
                 object=one.name, stage="asset", outcome=one.state, **({"why": one.told} if one.told else {})
             )

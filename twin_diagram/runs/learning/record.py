@@ -69,6 +69,7 @@ class Learned:
         standing: where it was set down, see `setting_down.PutDown`; empty: it was not.
         picture: file of a picture, below the run's folder; "": none.
         R_WS: (3, 3) by rows: axes of S, the frame of its pictures, in W when it lay in the bin.
+        taken_again: as which object it was taken again, or one of its shape; "": it was not.
     """
 
     name: str
@@ -80,11 +81,13 @@ class Learned:
     standing: list[float] = field(default_factory=list)
     picture: str = ""
     R_WS: list[list[float]] = field(default_factory=lambda: np.eye(3).tolist())
+    taken_again: str = ""
 
     @property
     def told(self) -> str:
         """All that went wrong, in words."""
-        return "; ".join(filter(None, (self.why, self.no_asset)))
+        again = f"it was taken again as {self.taken_again}" if self.taken_again else ""
+        return "; ".join(filter(None, (self.why, self.no_asset, again)))
 
 
 @dataclass
@@ -255,7 +258,7 @@ class LearningRecord:
         return RunState(learned, told["given_up"], told.get("failed_at", []), world, *rest)
 
     def save(self, state: RunState) -> None:
-        """Write the state, whole."""
+        """Write the state, whole; then of what was taken again the second asset alone is left."""
         told = {
             "learned": [asdict(one) for one in state.learned],
             **{"given_up": state.given_up, "failed_at": state.failed_at},
@@ -265,6 +268,9 @@ class LearningRecord:
         arrays: dict[str, Any] = {f"world_{key}": value for key, value in state.world.items()}
         np.savez(data, told=np.array(json.dumps(told)), **arrays)
         atomic_file.write(self.folder / STATE, data.getvalue())
+        for one in state.learned:
+            if one.taken_again:
+                shutil.rmtree(self.library / one.name, ignore_errors=True)
 
     def event(self, **what: Any) -> None:
         """Add a line to the events."""

@@ -129,8 +129,8 @@ class Swung:
     slip: tuple[float, float] = (0.0, 0.0)
 
 
-def swing_posture(mover: Mover, cell: Cell) -> Array:
-    """Go to where there is room to swing what is held.
+def weigh_at_rest(model: Model, mover: Mover, cell: Cell) -> float:
+    """Go to where there is room to swing what is held, and return about how heavy it is [kg]; see `first_mass`.
 
     Raises:
         NoWay: no such place is reached.
@@ -140,7 +140,7 @@ def swing_posture(mover: Mover, cell: Cell) -> Array:
         goals = mover.goals(X_WT, cell.commanded)
         if len(goals):
             go(cell, mover.timed(mover.path(cell.commanded, goals)))
-            return cell.commanded
+            return first_mass(model, cell)
     raise NoWay("no place to weigh it is reached")
 
 
@@ -225,28 +225,26 @@ def share_of(grip: Grip, mass: float, centre_T: Array) -> float:
 
 
 def swing_held(
-    model: Model, driven: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, seconds: float
-) -> tuple[Swung, Excitation, float]:
-    """Swing what is held; return the arm's messages, the motion, and the mass that was first thought of [kg].
+    driven: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, seconds: float, mass: float
+) -> tuple[Swung, Excitation]:
+    """Swing what is held about where the arm is; return the arm's messages, and the motion.
 
     Args:
-        model: the arm as its torques are measured.
-        driven: the same with its rotors (motor side).
+        driven: the arm with its rotors (motor side).
         mover: knows what is held.
         cell: whose arm holds it.
         X_TS: (4, 4) of the object's S in the tool.
         points_S: (N, 3) of its surface [m].
         seconds: length of the motion [s].
+        mass: of `first_mass` [kg].
 
     Raises:
         NoWay: there is no room for it.
         WeighingError: no motion is within the limits.
     """
-    posture = swing_posture(mover, cell)
-    mass = first_mass(model, cell)
-    motion = best_motion(driven, mover, posture, X_TS, points_S, cell, seconds, mass)
+    motion = best_motion(driven, mover, cell.commanded, X_TS, points_S, cell, seconds, mass)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
-    return Swung(swing(cell, motion, model.joints, "loaded"), cell.fingers, X_TS), motion, mass
+    return Swung(swing(cell, motion, driven.joints, "loaded"), cell.fingers, X_TS), motion
 
 
 def swing_empty(model: Model, mover: Mover, cell: Cell, motion: Excitation, opening: float) -> Swung:
