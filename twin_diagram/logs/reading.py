@@ -245,9 +245,7 @@ def read_columns(path: Path) -> dict[str, Array]:
         raise LogError(f"{path}: is empty; its first line must name the columns")
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
         if head.strip().count(mark) > head.count(","):
-            raise LogError(
-                f"{path}: columns are separated by {called}; a .csv log uses commas (--columns reads others)"
-            )
+            raise LogError(f"{path}: columns are separated by {called}; a .csv log uses commas; --columns reads others")
     if len(names) == 1:
         raise LogError(f"{path}: its first line must name the columns; it is {reprlib.repr(head.strip())}")
     for name in names:
