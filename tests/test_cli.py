@@ -264,6 +264,19 @@ def test_predict_refuses(changes: dict[str, str], words: list[str], refused: Run
     assert all(word in line for word in words), line
 
 
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["gap", "--holdout", "b.csv", "--holdout", "c.csv"], ["--holdout", "is given twice, as b.csv and as c.csv"]),
+        (["predict", "--horizon", "0.1", "--horizon", "0.3"], ["--horizon", "twice, as 0.1 and as 0.3"]),
+        (["replay", ".", "--model", "m.urdf"], ["no recording"]),  # not: it is one and names its own model
+    ],
+)
+def test_what_is_told_twice_or_of_another_kind(argv: list[str], words: list[str], refused: Run) -> None:
+    line = refused(*argv)
+    assert all(word in line for word in words), line
+
+
 # Outputs that cannot be written.
 
 PLACES: dict[str, tuple[list[str], list[str]]] = {

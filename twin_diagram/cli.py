@@ -12,7 +12,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from twin_diagram.assets.command import add_asset_commands
 from twin_diagram.errors import TwinError
@@ -21,6 +21,7 @@ from twin_diagram.planning.grasps.command import add_grasps_command
 from twin_diagram.runs.fleet import command as fleet_command
 from twin_diagram.runs.learning.command import add_learn_command
 from twin_diagram.runs.tracking.command import add_track_command
+from twin_diagram.runtime.command_parser import CommandParser
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
 
@@ -92,19 +93,10 @@ def _worth_saying(record: logging.LogRecord) -> bool:
     return record.levelno >= logging.WARNING and "non-zero joint friction" not in record.getMessage()
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong with the command line."""
-
-    def error(self, message: str) -> NoReturn:
-        """End the program."""
-        print(f"error: {' '.join(message.split())} (see {self.prog} --help)", file=sys.stderr)
-        raise SystemExit(2)
-
-
 def _parser() -> argparse.ArgumentParser:
     from twin_diagram.runtime.version import __version__
 
-    parser = _Parser(prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram.")
+    parser = CommandParser(prog="twin-diagram", description="A digital twin of a robot arm as a Drake Diagram.")
     parser.add_argument("--version", action="version", version=f"twin-diagram {__version__}")
     parser.add_argument("--verbose", action="store_true", help="say all that Drake warns of in a description")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)

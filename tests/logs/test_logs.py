@@ -155,12 +155,13 @@ BAD_TEXT = {
     r"line 6 has 4 cell\(s\), the first line names 3": csv().replace("0.04,0.4,1.0", "0.04,0.4,1.0,2"),
     r"line 6 has 0 cell\(s\)": csv().replace("0.04,0.4,1.0", ""),
     "column 'time' is there 2 times": csv().replace("position_measured.a", "time"),
+    "too few digits": csv(time=[1.7e9 + (k // 7) for k in range(20)]),
     "semicolons": csv().replace(",", ";"),
     "separated by semicolons": csv()
     .replace(",", ";")
     .replace(".", ",")
     .replace("position_measured,", "position_measured."),
-    "separated by tabs": csv().replace(",", "\t"),
+    r"separated by tabs; .*--columns reads others": csv().replace(",", "\t"),
     "its first line must name the columns; it is '# my log'": "# my log\n" + csv(),
     "has torque_measured.b but no position_measured.b": csv(**{"torque_measured.b": ONES}),
     "has torque_measured of other joints, but no torque_measured.b": csv(
@@ -218,6 +219,8 @@ def test_bad_text_is_refused(tmp_path: Path, message: str) -> None:
 def test_bad_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no such log file"):
         read_log(tmp_path / "none.csv")
+    with pytest.raises(LogError, match="is a folder, and no ROS 2 bag: it has no metadata"):
+        read_log(tmp_path)
     for name, message in (
         ("x.txt", r"none of \.csv, \.npz, a ROS bag .* and an LCM log"),
         ("x.csv#topic", "only ROS bags and LCM logs hold several streams"),
@@ -239,7 +242,7 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="not numbers"):
         read_log(tmp_path / "t.npz")
     np.savez(tmp_path / "d.npz", time=np.zeros((3, 3)))
-    with pytest.raises(LogError, match="2-dimensional"):
+    with pytest.raises(LogError, match=r"2-dimensional.* position_measured\.JOINT"):
         read_log(tmp_path / "d.npz")
     with pytest.raises(LogError, match=r"written as \.csv or \.npz"):
         write_log(healthy(), tmp_path / "x.txt")

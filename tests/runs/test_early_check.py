@@ -23,6 +23,12 @@ def test_what_is_not_there_is_told_by_its_field(override: str) -> None:
         check_given(load_scenario("tabletop", [override]))
 
 
+@pytest.mark.parametrize("field", ["twin.home", "world.q0"])
+def test_angles_in_degrees_are_told(field: str) -> None:
+    with pytest.raises(ScenarioError, match=f"^{field}: panda_joint4 is -135: it looks like degrees"):
+        check_given(load_scenario("tabletop", [f"{field}=[0, -45, 0, -135, 0, 90, 45]"]))
+
+
 @pytest.mark.parametrize("station", ["sim", "lcm"])
 def test_of_the_world_a_simulated_station_alone_is_checked(station: str) -> None:
     check_given(load_scenario("tabletop", [f"station={station}"]))

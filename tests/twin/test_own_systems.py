@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
 from tests.small_loop import BLIND, small_scenario
@@ -136,6 +136,13 @@ def test_a_segmenter_that_nothing_would_ask_is_refused() -> None:
         assert said in str(caught.value)
 
 
+def in_another_diagram(system: Declared) -> Declared:
+    builder = DiagramBuilder()
+    builder.AddSystem(system)
+    builder.Build()
+    return system
+
+
 @pytest.mark.parametrize(
     ("controller", "said"),
     [
@@ -145,6 +152,7 @@ def test_a_segmenter_that_nothing_would_ask_is_refused() -> None:
         (lambda: Declared({"state": 14}, {"position_commanded": 7}), "'state' is none that the twin can feed"),
         (lambda: Declared({}, {"position_commanded": 7, "torque_commanded": 1}), "'torque_commanded' has 1 numbers"),
         (lambda: object(), "is no Drake System"),
+        (lambda: in_another_diagram(Declared({}, {"position_commanded": 7})), "part of another Diagram already"),
     ],
 )
 def test_a_controller_that_does_not_fit_is_refused_by_the_ports_name(controller: Callable[[], Any], said: str) -> None:

@@ -22,10 +22,6 @@ class Tuning:
     gap: float = 2.5
     """A step this many times the median is a gap."""
 
-    degrees: float = 1.5
-    """Beyond its limits by more than this, a joint's position is no longer a robot that is described too tightly
-    [rad]."""
-
     counts: float = 100.0
     """Beyond its limits by more than this, it counts something else: fifteen turns [rad]."""
 
@@ -169,7 +165,7 @@ def _against(log: Log, arm: JointLimits) -> list[LogWarning]:
     revolute = arm.revolute
     outside = arm.outside(own.position)
     turned = np.where(revolute, outside, 0.0)
-    if np.any(turned > TUNING.degrees) and np.all((arm.outside(np.radians(own.position)) < 0.1) | ~revolute):
+    if arm.in_degrees(own.position):
         k = int(np.argmax(turned))
         joint, value = own.joints[k], own.position[np.argmax(np.abs(own.position[:, k])), k]
         raise LogError(

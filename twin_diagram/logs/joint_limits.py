@@ -11,6 +11,21 @@ from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, chosen by hand, so that arms as they are sold pass."""
+
+    degrees: float = 1.5
+    """Beyond its limits by more than this, a joint's position is no longer a robot that is described too tightly
+    [rad]."""
+
+    tight: float = 0.1
+    """By this much a description's limits may be too tight [rad]."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
 class JointLimits:
     """An arm's joints and what their description allows; infinite where it says nothing.
 
@@ -26,6 +41,11 @@ class JointLimits:
     lower: Array
     upper: Array
     effort: Array
+
+    def in_degrees(self, position: Array) -> bool:
+        """Return whether positions (N, n) are far outside, and inside if they are degrees."""
+        far = self.revolute & (self.outside(position) > TUNING.degrees)
+        return bool(np.any(far) and np.all((self.outside(np.radians(position)) < TUNING.tight) | ~self.revolute))
 
     def outside(self, position: Array) -> Array:
         """Return by how much each joint leaves its limits (n,) in positions (N, n)."""

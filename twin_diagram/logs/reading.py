@@ -74,7 +74,9 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     if columns is not None:
         return _foreign(path, columns)
     bag = suffix in BAGS or (path.is_dir() and (path / "metadata.yaml").is_file())
-    if not path.exists() or (path.is_dir() and not bag):
+    if path.is_dir() and not bag:
+        raise LogError(f"{path}: is a folder, and no ROS 2 bag: it has no metadata.yaml; name the log in it")
+    if not path.exists():
         raise LogError(f"{path}: no such log file")
     if bag:
         from twin_diagram.logs.ros_bag import read_ros_bag
@@ -220,7 +222,10 @@ def _check_time(time: Array, source: str, where: Callable[[int], str]) -> None:
     if len(bad):
         k = int(bad[0])
         what = "is the same as" if steps[k] == 0.0 else "is before"
-        raise LogError(f"{source}: {where(k + 1)}: time {float(time[k + 1])!r} {what} the one above it; time must rise")
+        what += " the one above it; time must rise"
+        if np.median(steps) == 0.0 and not np.any(steps < 0.0):
+            what += ". So it is of most: they were written with too few digits"
+        raise LogError(f"{source}: {where(k + 1)}: time {float(time[k + 1])!r} {what}")
 
 
 def read_columns(path: Path) -> dict[str, Array]:
@@ -240,7 +245,7 @@ def read_columns(path: Path) -> dict[str, Array]:
         raise LogError(f"{path}: is empty; its first line must name the columns")
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
         if head.strip().count(mark) > head.count(","):
-            raise LogError(f"{path}: columns are separated by {called}; a .csv log uses commas")
+            raise LogError(f"{path}: columns are separated by {called}; a .csv log uses commas; --columns reads others")
     if len(names) == 1:
         raise LogError(f"{path}: its first line must name the columns; it is {reprlib.repr(head.strip())}")
     for name in names:
@@ -370,7 +375,8 @@ def _read_npz(path: Path) -> dict[str, Array]:
                 if values.dtype.kind not in "fiu":
                     raise LogError(f"{path}: {name} holds {values.dtype}, not numbers")
                 if values.ndim != 1:
-                    raise LogError(f"{path}: {name} is {values.ndim}-dimensional, it must be a list of numbers")
+                    why = "it must be a list of numbers, for each joint its own: position_measured.JOINT"
+                    raise LogError(f"{path}: {name} is {values.ndim}-dimensional, {why}")
                 columns[name] = values.astype(float)
     except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, LogError):

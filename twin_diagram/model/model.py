@@ -31,6 +31,7 @@ from twin_diagram.model.dynamics import has_mass, rigid_changes
 from twin_diagram.model.dynamics.onsets import epochs, shifted
 from twin_diagram.model.dynamics.torque_law import TorqueLaw
 from twin_diagram.model.effects import Effect, make, spec_of
+from twin_diagram.model.effects.named_places import check_places
 from twin_diagram.model.effects.stated import stated_effects
 from twin_diagram.model.effects.timing import always, in_run
 from twin_diagram.model.rigid_body import from_plant
@@ -102,7 +103,7 @@ class Model:
         self._context = plant.CreateDefaultContext()
         self.calls = PlantCalls(plant, self._context, arm)
         self.position_index, self.velocity_index = self.calls.position_index, self.calls.velocity_index
-        rigid_changes.check_places(plant, self.joints, self.effects)
+        check_places(plant, self.joints, self.effects)
         rigid_changes.fold(plant, self._context, arm, (effect.change(links) for effect in self.present))
         rigid_changes.check_friction(self.joints, self.present, self.prismatic)
         self.bodies = ArmBodies(arm, links, self._context)

@@ -11,7 +11,7 @@ from twin_diagram.model.effects import make
 from twin_diagram.scenario import Scenario, World
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.scenario.validation import check_twin
-from twin_diagram.twin.given_files import check_fixtures, model_of, named
+from twin_diagram.twin.given_files import check_angles, check_fixtures, model_of, named
 
 
 def check_given(scenario: Scenario) -> None:
@@ -24,11 +24,12 @@ def check_given(scenario: Scenario) -> None:
     """
     twin, packages = scenario.twin, scenario.packages
     check_twin(twin)
-    model_of(twin, packages)
+    model = model_of(twin, packages)
     check_fixtures(twin, packages)
     for name, folder in twin.library.items():
         named(f"twin.library.{name}", partial(_description, folder, packages))
     if scenario.station == "sim":
+        check_angles("world.q0", scenario.world.q0, model)
         _check_world(scenario.world, packages)
 
 

@@ -58,15 +58,15 @@ def replay_scenario(
 
     overrides = list(overrides)
     if log.is_dir():
+        place = place_of(log)
+        if not (place / SCENARIO_FILE).is_file():
+            raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
         if model is not None:
             raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
         if columns is not None:
             raise TwinError(f"--columns goes with a bare log; {log} is a recording and names its own")
         if constants:
             raise TwinError(f"--torque-constants goes with a bare log; {log} is a recording and holds torques")
-        place = place_of(log)
-        if not (place / SCENARIO_FILE).is_file():
-            raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
         scenario = load_scenario(place / SCENARIO_FILE)
         if place != log:  # its run was killed
             scenario.duration = min(scenario.duration, max(recorded_until(place), TUNING.shortest))

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
+
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError, ScenarioError, TwinError
 from twin_diagram.model.description import add_arm as description
@@ -32,7 +34,15 @@ def model_of(twin: scenario.Twin, packages: Packages | None) -> Model:
         raise ScenarioError(
             "twin.home", f"{len(twin.home)} angles for {len(model.joints)} joints ({', '.join(model.joints)})"
         )
+    check_angles("twin.home", twin.home, model)
     return model
+
+
+def check_angles(field: str, angles: list[float], model: Model) -> None:
+    """Refuse angles (n,) that are in degrees; none, or another number of them, is not looked at."""
+    if len(angles) == len(model.joints) and model.limits.in_degrees(np.array([angles])):
+        k = int(np.argmax(np.abs(angles)))
+        raise ScenarioError(field, f"{model.joints[k]} is {angles[k]:g}: it looks like degrees; angles are in rad")
 
 
 def check_fixtures(twin: scenario.Twin, packages: Packages | None) -> None:

@@ -51,10 +51,12 @@ def check(
 
     Raises:
         TwinError: an input that the twin knows nothing of, an output that is missing, or a wrong size; the message
-            names the port.
+            names the port. Or it is a part of another Diagram.
     """
     if not isinstance(system, System):  # a mistake that Drake would tell of in other words
         raise TwinError(f"{role}: {system!r} is no Drake System")
+    if system.GetSystemPathname() != f"::{system.get_name() or '_'}":  # Drake would refuse it once all is built
+        raise TwinError(f"{role}: it is part of another Diagram already; each loop takes a new one")
     for k in range(system.num_input_ports()):
         port = system.get_input_port(k)
         if port.get_name() not in inputs:

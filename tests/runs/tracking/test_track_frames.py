@@ -219,6 +219,7 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(
     for arguments, text, said in (
         ((tmp_path / "none", scene), "", "none"),
         ((tmp_path / "empty", scene), "", "no whole asset"),
+        ((next(p.parent for p in library.glob("*/asset.yaml")), scene), "", "name the folder that holds it"),
         ((library, tmp_path / "nowhere"), "", "no such folder of frames"),
         ((library, scene), head + bad, "R is no rotation"),
         ((library, scene), head + bad.replace("0 0 2", "0 0 1").replace("0,0,1,", "0,0,7,"), "obj_id 7"),

@@ -7,7 +7,7 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.scenario import ArmModel, Driver, Scenario
+from twin_diagram.scenario import ArmModel, Driver, EffectSpec, Scenario
 from twin_diagram.station.sim.arm_plant import ArmPlant, add_arm, driver_gains, initial_angles
 
 LIMITS = np.array([87.0, 43.5, np.inf, 0.0, 24.0, 12.0, -1.0])
@@ -47,6 +47,21 @@ def test_the_arm_begins_where_the_world_says_else_at_home_else_at_zero() -> None
     plan.world.q0 = [0.3]
     with pytest.raises(ScenarioError, match=r"world\.q0: 1 numbers for 2 joints"):
         initial_angles(plan, 2)
+
+
+@pytest.mark.parametrize(
+    ("effect", "said"),
+    [
+        (EffectSpec("coulomb_friction", joints=["joint1"], parameters={"torque": [3.0]}), "has no joint 'joint1'"),
+        (EffectSpec("joint_elasticity", joints=["j"], parameters={"stiffness": [3e4]}), "has no joint 'j'"),
+        (EffectSpec("payload", links=["nope"], parameters={"mass": [1.0], "com": [0.0] * 3}), "has no link 'nope'"),
+    ],
+)
+def test_effects_on_what_is_not_there_are_refused(effect: EffectSpec, said: str) -> None:
+    plan = Scenario(seed=1)
+    plan.world.arm = ArmModel(effects=[effect])
+    with pytest.raises(ScenarioError, match=rf"^world\.arm.*effects\.{effect.name}\..*{said}"):
+        add_arm(MultibodyPlant(0.001), plan)
 
 
 @pytest.fixture(scope="module")

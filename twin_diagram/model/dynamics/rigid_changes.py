@@ -20,23 +20,6 @@ from twin_diagram.model.effects.rigid_change import RigidChange
 from twin_diagram.model.rigid_body.rigid_tree import inertia_vector
 
 
-def check_places(plant: MultibodyPlant, joints: Sequence[str], effects: Iterable[Effect]) -> None:
-    """Check that all joints and links that effects name are there.
-
-    Raises:
-        ModelError: one is not.
-    """
-    for effect in effects:
-        for joint in effect.joints:
-            if joint not in joints:
-                raise ModelError(
-                    f"effects.{effect.name}.joints: the arm has no joint {joint!r}; its joints are {', '.join(joints)}"
-                )
-        for link in effect.links:
-            if not plant.HasBodyNamed(link):
-                raise ModelError(f"effects.{effect.name}.links: the model has no link {link!r}")
-
-
 def fold(plant: MultibodyPlant, context: Context, arm: Arm, changes: Iterable[RigidChange]) -> None:
     """Add links' inertias, rotors and dampers.
 

@@ -212,7 +212,9 @@ def _library(library: Path, say: Callable[[str], None], grow: Path | None) -> tu
         assets[one.name] = one.asset
         numbers[one.name] = read_spec(one.asset.folder).obj_id or place
     if not assets and grow is None:
-        raise AssetError(f"{library}: no whole asset in this library")
+        itself = (Path(library) / "asset.yaml").is_file()
+        hint = "; it is an asset itself: name the folder that holds it" if itself else ""
+        raise AssetError(f"{library}: no whole asset in this library{hint}")
     slots = scenario.Slots()
     if grow is not None and not slots.further(len(assets)):
         raise AssetError(

@@ -26,6 +26,7 @@ from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.friction import CoulombFriction
+from twin_diagram.model.effects.named_places import check_places
 from twin_diagram.model.effects.serialisation import effect_of, make
 from twin_diagram.model.effects.simulated.external_force import Push, pushing
 from twin_diagram.model.effects.simulated.motor_drive import Drive
@@ -61,11 +62,13 @@ def add_to_plant(
         `renewed(plant, arm)`.
 
     Raises:
-        ModelError: an effect starts or ends, and a plant cannot change it during a run; or it does so before the run.
+        ModelError: an effect names a joint or link that is not there; it starts or ends, and a plant cannot change it
+            during a run; or it does so before the run.
     """
     own: list[Effect | EffectSpec] = [*stated_effects(arm), *arm.spec.effects]
     chosen = own if effects is None else effects
     each = [make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen]
+    check_places(plant, arm.joints, each)
     made = tuple(lessened(each, arm.prismatic(plant)))
     realised = realisations(made)
     for effect in realised:
