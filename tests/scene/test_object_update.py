@@ -276,6 +276,12 @@ def test_two_jumps_agree_within_60_degrees(degrees: float, agree: bool) -> None:
         np.testing.assert_array_equal(after[FilterLayout.MEAN], after[FilterLayout.VELOCITY])
         assert after[FilterLayout.NOISE_SCALE] == 1.0 and after[FilterLayout.NOISE_COUNT] == 20.0  # as learnt
         assert after[FilterLayout.REJECTED] == 0.0 and after[FilterLayout.LAST_SEEN] == 1.25
+        # A speed of two images is as uncertain as both of them, and goes with the second.
+        noise = np.eye(6) * 1e-4 + np.diag(SETTINGS.floor * object_update.TUNING.scatter_share**2)
+        P = after[FilterLayout.COVARIANCE].reshape(12, 12)
+        np.testing.assert_allclose(P[:6, :6], noise)
+        np.testing.assert_allclose(P[6:, :6], noise / 0.25)
+        np.testing.assert_allclose(P[6:, 6:], 2.0 * noise / 0.25**2 + np.diag(SETTINGS.acceleration_density * 0.25))
     else:
         assert after[FilterLayout.REJECTED] == 1.0 and after[FilterLayout.LAST_SEEN] == 0.75
 

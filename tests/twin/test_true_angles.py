@@ -91,6 +91,12 @@ def test_an_offset_that_is_found_while_it_runs_reaches_everything(
     before = port(loop, simulator, "twin", ports.POSITION_COMMANDED)
     loop.twin.use_model(own, 1)
     np.testing.assert_allclose(port(loop, simulator, "twin", ports.POSITION_COMMANDED), before, atol=1e-9)
+    monitor = loop.twin.monitor
+    assert monitor is not None
+    inner = loop.twin.diagram.GetSubsystemContext(monitor, own)
+    assert monitor.model_number(inner) == 1, "it stops by the corrected model, too, and by what is carried"
+    learnt = np.array(monitor.GetInputPort("parameters").Eval(inner))
+    np.testing.assert_array_equal(learnt, port(loop, simulator, "twin", "parameters"))
     assert np.abs(port(loop, simulator, "twin", "arm_state")[:7] - true).max() < 1e-3
     for time in 0.5 + 0.02 * np.arange(1, 16):
         simulator.AdvanceTo(time)

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from twin_diagram import scenario
 from twin_diagram.model.model import Model
-from twin_diagram.planning.collision.chain import Chain
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
-from twin_diagram.planning.mpc.arm_torque import ArmTorque, acceleration_limit, described_acceleration, torque_bounds
+from twin_diagram.planning.mpc.arm_torque import (
+    ArmTorque,
+    acceleration_limit,
+    chain_of,
+    described_acceleration,
+    torque_bounds,
+)
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.signals.arrays import Array
@@ -39,10 +46,6 @@ def scene() -> Scene:
     return load_scene(scenario.ArmModel(), [scenario.Fixture()], {})
 
 
-def chain_of(model: Model) -> Chain:
-    return Chain.from_plant(model.plant, model.arm.joint_indices, model.arm.tool_frame)
-
-
 def test_torque_is_that_of_inverse_dynamics_with_what_is_carried(model: Model, loaded: Model) -> None:
     rng = np.random.default_rng(0)
     q, v, a = rng.uniform(-1.5, 1.5, (3, 6, 7)) * np.array([1.0, 0.8, 3.0])[:, None, None]
@@ -55,6 +58,16 @@ def test_torque_is_that_of_inverse_dynamics_with_what_is_carried(model: Model, l
     heavier = ArmTorque(model, chain_of(model), PAYLOAD).mass_and_load(q, v)[1]
     plain = ArmTorque(model, chain_of(model), NOTHING).mass_and_load(q, v)[1]
     assert np.abs(heavier - plain).max() > 5.0
+
+
+def test_of_an_arm_that_is_no_chain_nothing_is_carried(model: Model) -> None:
+    turned = SimpleNamespace(joint_indices=model.arm.joint_indices[::-1], tool_frame=model.arm.tool_frame)
+    other: Any = SimpleNamespace(plant=model.plant, arm=turned)
+    assert chain_of(other) is None and chain_of(model) is not None
+    q = np.full((1, 7), 0.3)
+    found, plain = (ArmTorque(model, None, payload).mass_and_load(q, q) for payload in (PAYLOAD, NOTHING))
+    for one, two in zip(found, plain, strict=True):
+        np.testing.assert_array_equal(one, two)
 
 
 def test_bounds_are_the_limit_or_what_is_taken_already(model: Model) -> None:

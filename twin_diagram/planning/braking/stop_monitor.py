@@ -20,9 +20,8 @@ from twin_diagram.planning.braking.drake_distances import DrakeDistances
 from twin_diagram.planning.braking.scene_now import SceneNow, read_scene
 from twin_diagram.planning.braking.stop_check import Breach, breach
 from twin_diagram.planning.braking.stopping_motion import Rejoin, heading, stopping_time, travelled
-from twin_diagram.planning.collision.chain import Chain
 from twin_diagram.planning.given import check_kinds
-from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload, acceleration_limit
+from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload, acceleration_limit, chain_of
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import HAND_SIZE
@@ -149,7 +148,7 @@ class StopMonitor(ModelUser[Model]):
         self._filter_period: Final = 1.0 / twin.filter.rate
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(self._n)
         self._carried: Final = LearnedPayload.among(parameter_names)
-        self._chain: Final = Chain.from_plant(model.plant, model.arm.joint_indices, model.arm.tool_frame)
+        self._chain: Final = chain_of(model)
         self._declare(home, len(library), further, things, len(parameter_names))
 
     def _declare(self, home: Array, objects: int, further: int, things: int, parameters: int) -> None:

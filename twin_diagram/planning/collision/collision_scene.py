@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -284,8 +284,8 @@ class Forecast:
         )
 
     @staticmethod
-    def of_tracks(tracks: Array, age: float = 0.0, shapes: Sequence[Body] | None = None) -> Forecast:
-        """Read packed tracks (K · TRACK_SIZE), `age` seconds after their time, of objects of these shapes.
+    def of_tracks(tracks: Array, shapes: Sequence[Body] | None = None) -> Forecast:
+        """Read packed tracks (K · TRACK_SIZE) of objects of these shapes.
 
         Without shapes the uncertainty of places alone counts. Objects never seen, held or gone are absent; so is one
         whose track is not finite.
@@ -314,11 +314,7 @@ class Forecast:
             for k in np.flatnonzero(present).tolist()
         }
         grown = np.array([unsure[k].now if k in unsure else 0.0 for k in range(len(rows))])
-        forecast = Forecast(present, moving, R_WO, rows[:, 6:9].copy(), spin, velocity, grown, unsure=unsure)
-        if age > 0.0:
-            X_WO, _ = forecast.at(np.array([age]))
-            forecast = replace(forecast, R_WO=X_WO[:, 0, :3, :3], p_WO=X_WO[:, 0, :3, 3])
-        return forecast
+        return Forecast(present, moving, R_WO, rows[:, 6:9].copy(), spin, velocity, grown, unsure=unsure)
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Return the poses (K, N, 4, 4) and growths (K, N) at `times` (N,) from now [s]."""

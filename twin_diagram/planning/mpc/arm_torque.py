@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex
 
+from twin_diagram.errors import ModelError
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.chain import Chain, drawn_range, point_jacobian
 from twin_diagram.signals.arrays import Array
@@ -68,12 +69,12 @@ class ArmTorque:
 
     Attributes:
         model: with effects.
-        chain: the arm's kinematics.
+        chain: the arm's kinematics; None: nothing is told of what it carries.
         payload: (4,) mass [kg] and first moment m·c [kg·m] in the last link's frame, beyond the model.
     """
 
     model: Model
-    chain: Chain
+    chain: Chain | None
     payload: Array
 
     def mass_and_load(self, q: Array, v: Array) -> tuple[Array, Array]:
@@ -86,22 +87,30 @@ class ArmTorque:
         # A few samples one by one cost the plant less than all at once.
         M, load = np.array([model.calls.mass(x) for x in true]), model.law.joint_load(true, v, np.zeros_like(q))
         mass = float(self.payload[0])
-        if np.isfinite(self.payload).all() and mass > TUNING.least_mass:
-            J, Jv = self._payload_jacobian(q, v)
+        if self.chain is not None and np.isfinite(self.payload).all() and mass > TUNING.least_mass:
+            J, Jv = self._payload_jacobian(self.chain, q, v)
             M = M + mass * np.einsum("kni,kmi->knm", J, J)
             load = load + mass * np.einsum("kni,ki->kn", J, Jv - self.chain.gravity_W)
         return M, load
 
-    def _payload_jacobian(self, q: Array, v: Array) -> tuple[Array, Array]:
+    def _payload_jacobian(self, chain: Chain, q: Array, v: Array) -> tuple[Array, Array]:
         """Return (K, n, 3) how the payload's centre moves with the joints, and (K, 3) its acceleration at steady v."""
         count = len(q)
-        both = self.chain.place(np.concatenate([q, q + TUNING.step * v]))
+        both = chain.place(np.concatenate([q, q + TUNING.step * v]))
         X_WL = both.X_WL[:, -1]
         p_W = X_WL[:, :3, :3] @ (self.payload[1:] / self.payload[0]) + X_WL[:, :3, 3]
-        last, rows = np.full(2 * count, self.chain.size), np.arange(2 * count)
-        J = point_jacobian(both, p_W, last, rows, self.chain.prismatic)
+        last, rows = np.full(2 * count, chain.size), np.arange(2 * count)
+        J = point_jacobian(both, p_W, last, rows, chain.prismatic)
         change = (J[count:] - J[:count]) / TUNING.step
         return J[:count], np.einsum("kni,kn->ki", change, v)
+
+
+def chain_of(model: Model) -> Chain | None:
+    """Return the kinematics of a serial arm; None of another one, of whose load nothing is told."""
+    try:
+        return Chain.from_plant(model.plant, model.arm.joint_indices, model.arm.tool_frame)
+    except ModelError:
+        return None
 
 
 @dataclass(frozen=True)
