@@ -137,7 +137,8 @@ def unit_rays(lens: Lens) -> Array:
 
 def rays_through(lens: Lens, u: Array | Ints, v: Array | Ints) -> Array:
     """Return (…, 3) what `unit_rays` does, of the places u, v (…) alone [px]."""
-    x, y = (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy
+    x = np.asarray((u - lens.cx) / lens.fx, dtype=float)
+    y = np.asarray((v - lens.cy) / lens.fy, dtype=float)
     if lens.distortion:
         x, y = undistort(x, y, lens.distortion)
     return np.stack([x, y, np.ones_like(x)], axis=-1)

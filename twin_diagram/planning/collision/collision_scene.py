@@ -291,7 +291,7 @@ class Forecast:
         whose track is not finite.
         """
         rows: Array = np.asarray(tracks, dtype=float).reshape(-1, TRACK_SIZE)
-        present = np.isfinite(rows).all(axis=1)
+        present = np.asarray(np.isfinite(rows).all(axis=1))
         for status in _ABSENT:
             present &= rows[:, 0] != status
         rows = np.where(present[:, None], rows, 0.0)
