@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.perception.depth_noise import DepthSigma, excess, measured
+from twin_diagram.perception.depth_noise import DepthSigma, _second, excess, measured
 from twin_diagram.scenario import DepthNoise
 from twin_diagram.station.sim.camera_noise import correlated
 
@@ -72,3 +72,10 @@ def test_a_picture_without_noise_or_with_little_in_it_has_the_least() -> None:
     depth, _ = planes(3)
     least = DepthSigma(growth=0.0002)
     assert measured(depth) == measured(np.zeros((480, 640))) == measured(depth[:30, :60]) == least
+
+
+@pytest.mark.parametrize("lag", [1, 3, 10])
+def test_second_differences_of_patches(lag: int) -> None:
+    field = np.concatenate([correlated((480, 640), 2.5, np.random.default_rng(k)) for k in range(4)])
+    second = field[:, : -2 * lag] - 2.0 * field[:, lag:-lag] + field[:, 2 * lag :]
+    assert _second(lag, 2.5) == pytest.approx(float(second.var()), rel=0.05)

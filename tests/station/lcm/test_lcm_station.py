@@ -262,6 +262,16 @@ def test_a_clock_that_parts_from_the_loops_is_held_to_it(pace: float) -> None:
         assert np.std(steps) < 1e-3
 
 
+@pytest.mark.parametrize("pace", [0.99, 1.01])
+def test_a_slow_senders_clock_is_held_as_well(pace: float) -> None:
+    """A camera's: what parts in ten images is more than a bus's jitter, though less than two images are apart."""
+    clock = np.array([0.0, 7.0, 0.0])
+    for k in range(1, 600):
+        now = 7.0 + k / 15
+        clock = next_clock(clock, round(1e6 * k / 15 * pace), now)
+        assert abs(now - clock[1]) < 0.02
+
+
 def test_a_loop_that_is_slower_than_the_arm_is_no_drift() -> None:
     clock = np.array([0.0, 0.0, 0.0])
     for k in range(1, 1000):
@@ -528,6 +538,20 @@ def test_a_camera_with_a_clock_of_its_own() -> None:
     bus.simulator.AdvanceTo(0.32)
     with pytest.raises(StationError, match="a message without a depth image"):
         bus["camera.depth_image"]
+
+
+@pytest.mark.parametrize(("off", "own"), [(-0.05, False), (-1.5, True), (1.5, True)])
+def test_a_camera_on_the_arms_clock_is_taken_at_its_word(off: float, own: bool) -> None:
+    plan, epoch = scenario(camera=True), 1_700_000_000_000_000
+    assert plan.twin.camera is not None
+    plan.twin.camera.width, plan.twin.camera.height = 8, 6
+    bus = Bus(plan)
+    bus.status(epoch)
+    bus.simulator.AdvanceTo(0.1)
+    bus.lcm.Publish("CAMERA_IMAGES", write_images(epoch + round(1e6 * (0.1 + off)), "eye", COLOUR, DEPTH).encode())
+    bus.simulator.AdvanceTo(0.2)
+    taken = 0.1 - plan.twin.camera.latency if own else 0.1 + off
+    assert bus["camera.image_time"][0] == pytest.approx(taken, abs=0.006)
 
 
 # The whole twin.
