@@ -19,7 +19,7 @@ from twin_diagram.planning.braking.brake_state import BrakeMode, BrakeState, Cau
 from twin_diagram.planning.braking.drake_distances import DrakeDistances
 from twin_diagram.planning.braking.scene_now import SceneNow, read_scene
 from twin_diagram.planning.braking.stop_check import Breach, breach
-from twin_diagram.planning.braking.stopping_motion import Rejoin, heading, stopping_time, travelled
+from twin_diagram.planning.braking.stopping_motion import Rejoin, heading, stopping_time, travelled, untold_limit
 from twin_diagram.planning.given import check_kinds
 from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload, acceleration_limit, chain_of
 from twin_diagram.runtime.timing import timed
@@ -41,9 +41,6 @@ class Tuning:
 
     apart: float = 0.1
     """Measured and commanded speeds that differ by more are two motions, and both are looked at [rad/s]."""
-
-    harder: float = 1.25
-    """It may brake by this much harder than plans do: what a sound plan still does in time must not be stopped."""
 
     creep: float = 5e-4
     """A stop over less than this is no motion [m]."""
@@ -131,7 +128,9 @@ class StopMonitor(ModelUser[Model]):
         self._speed: Final = np.where(np.isfinite(model.velocity_limit), model.velocity_limit, np.pi)
         self._effort: Final = np.where(model.effort_limit > 0.0, model.effort_limit, np.inf)
         told, planner = self._params.acceleration, twin.planner
-        self._acceleration: Final = _untold(model, planner, self._speed) if told is None else np.full(self._n, told)
+        plans = acceleration_limit(model, planner.velocity_share * self._speed, planner.torque_share)
+        limit = untold_limit(plans, planner.acceleration) if told is None else np.full(self._n, told)
+        self._acceleration: Final = limit
         further, things = twin.slots.further(len(library)), twin.slots.unknown
         self._near: Final = DrakeDistances(twin.arm, twin.fixtures, library, further, things, packages)
         self._radii = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
@@ -396,10 +395,3 @@ class StopMonitor(ModelUser[Model]):
         scene = read_scene(self._near, self._radii, arm[: self._n], fingers, age, **values)
         self._near.surround(scene.shapes)
         return scene
-
-
-def _untold(model: Model, planner: scenario.Planner, speed: Array) -> Array:
-    """Return (n,) what joints are braked with at most where nobody tells, torques allowing [rad/s²]."""
-    most = np.inf if planner.acceleration is None else planner.acceleration
-    plans = acceleration_limit(model, planner.velocity_share * speed, planner.torque_share)
-    return np.asarray(TUNING.harder * np.minimum(most, plans))

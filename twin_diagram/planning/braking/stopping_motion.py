@@ -23,6 +23,9 @@ class Tuning:
     shortest: float = 0.1
     """No plan is joined in less [s]."""
 
+    harder: float = 1.25
+    """It may brake by this much harder than plans do: what a sound plan still does in time must not be stopped."""
+
 
 TUNING = Tuning()
 
@@ -32,6 +35,16 @@ PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
 """Greatest second derivative of the same."""
 PEAK_OF_RATE = 3.9403
 """Greatest second derivative of the quintic over unit time that begins at rate 1 and has nothing else at either end."""
+
+
+def untold_limit(plans: Array, told: float | None) -> Array:
+    """Return (n,) what joints are braked with at most where nobody tells, torques allowing [rad/s²].
+
+    Args:
+        plans: (n,) what motors leave to plans [rad/s²].
+        told: what plans keep to besides [rad/s²], where there is such a limit.
+    """
+    return np.asarray(TUNING.harder * np.minimum(np.inf if told is None else told, plans))
 
 
 def stopping_time(v: Array, acceleration: Array, mass: Array, bias: Array, effort: Array) -> float:
