@@ -64,6 +64,7 @@ class Mpc(ModelUser[Model]):
         - things (optional)
         - hand (optional)
         - brake (optional)
+        - next_goal (optional)
         output_ports:
         - position_commanded
         - torque_commanded
@@ -81,8 +82,8 @@ class Mpc(ModelUser[Model]):
         things: (T · THING_SIZE) unknown things, to be kept clear of as the objects are.
         hand: (HAND_SIZE) what is held is part of the arm's shape, from the first plan on, and no obstacle; what may be
             touched is no obstacle either, nor, while the fingers are around it, what moves. See `signals.hand`.
-        brake: (1 + n) whether something else has stopped the arm, and where it holds it [rad]: plans start there, from
-            rest.
+        brake: (1 + n) whether something else stopped the arm, and where it is held [rad]: plans start there, from rest.
+        next_goal: (7) X_WG that it goes to after `goal`, zeros: none: a way there is sought beforehand.
         measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
             `arm_state` is trusted from the start.
         position_commanded: (n) [rad]; the plan now, twice continuously differentiable in time. Before the first plan:
@@ -159,6 +160,7 @@ class Mpc(ModelUser[Model]):
 
         self._hand_in = self.DeclareVectorInputPort("hand", HAND_SIZE)
         self._brake_in = self.DeclareVectorInputPort("brake", 1 + n)
+        self._next_in = self.DeclareVectorInputPort("next_goal", POSE_SIZE)
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
@@ -273,7 +275,8 @@ class Mpc(ModelUser[Model]):
         if brake[0]:
             memory = replace(planner.hold(memory, now, brake[1:]), stay=memory.stay)
         dynamics = ArmTorque(self._in_use(context), planner.scene.chain, self._payload(context))
-        memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics)
+        after = np.array(self._next_in.Eval(context)) if self._next_in.HasValue(context) else None
+        memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics, after=after)
         state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
         pending = () if memory.pending is None else (memory.pending,)
         state.get_mutable_abstract_state(int(self._pending)).set_value(pending)

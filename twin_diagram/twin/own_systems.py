@@ -8,9 +8,10 @@ twin needs. For an arm of n joints, p learnt parameters and K objects in the lib
   must have the output `position_commanded` (n) [rad] and may have `torque_commanded` (n) [N·m], which is added to the
   arm's own controller, `plan` (knots · n) [rad], which is drawn, and `reach`, `plan_time` (1) and `position_planned`
   (n), as `Mpc` has them: without `plan_time` nobody notices that it hangs. An input `brake` (1 + n) tells it that the
-  arm is held and where. All its positions are true joint angles: offsets of encoders that the twin is told of are
-  taken off before, and put back on what it commands. Where one is found while the twin runs, any System that has a
-  method `recount(context, change)` is told by how much (n,) its angles count otherwise from now on.
+  arm is held and where, `next_goal` (7) where it goes after `goal`. All its positions are true joint angles: offsets of
+  encoders that the twin is told of are taken off before, and put back on what it commands. Where one is found while the
+  twin runs, any System that has a method `recount(context, change)` is told by how much (n,) its angles count otherwise
+  from now on.
 - a **perception** may have the inputs `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F) [m], `image_time` (1)
   [s], `arm_state` (2n). It must have the output `object_poses` (K packed `PoseMeasurement`s); where `twin.camera` is
   null it has no images, and must also have `image_time` (1) [s]: when the newest poses were measured.

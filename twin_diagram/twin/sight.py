@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
@@ -82,8 +82,6 @@ def add_sight(
     for system in timed[1:]:
         builder.ConnectInput(image_time, system.GetInputPort("image_time"))
     connect_ports(builder, ekf, first, *inputs_of(first, ("arm_state",)))
-    if runner is not None:
-        connect_ports(builder, runner, first, *inputs_of(first, ("hand",)))
     if own is None:
         connect_ports(builder, first, last, "segments", *inputs_of(last, ("picture",)))
     if own is None and calibration_error(camera).variances.any():
@@ -139,6 +137,8 @@ def _tell_of_sight(
     """Connect what finds objects to whoever wants to know of them; return it."""
     for user in (updater, *([] if runner is None else [runner])):
         connect_ports(builder, last, user, "object_poses")
+    if runner is not None and isinstance(last, IcpPoseEstimator):
+        connect_ports(builder, runner, cast(System, builder.GetSubsystemByName("perception")), "hand")
     builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
     # What a user's own perception does not tell of, there is none of.
     for name, systems in (("further_poses", (updater,)), ("things", (updater,)), ("turned_away", (health,))):

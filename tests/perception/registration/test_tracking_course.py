@@ -163,8 +163,10 @@ def test_only_what_was_found_before_is_followed(monkeypatch: pytest.MonkeyPatch)
         return pose() if own.attempts == 0 else None
 
     monkeypatch.setattr(tracking, "register_where_expected", expected)
-    slots = [Slot(), slot(), slot(attempts=1)]
-    assert list(tracking.follow_known([KNOWN] * 3, slots, None)) == [1] and asked == slots[1:]  # type: ignore[arg-type]
+    monkeypatch.setattr(tracking, "register_where_held", lambda k, *_: pose() if k == 3 else None)
+    slots = [Slot(), slot(), slot(attempts=1), slot(attempts=1)]
+    found = tracking.follow_known([KNOWN] * 4, slots, None)  # type: ignore[arg-type]
+    assert list(found) == [1, 3] and asked == slots[1:], "the last is held"
 
 
 def test_what_was_lost_less_than_three_tenths_of_a_second_ago_is_regained(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,8 +99,8 @@ def test_limits_are_shares_of_the_arms(spied: Spied) -> None:
     share = PARAMS.velocity_share
     np.testing.assert_allclose(spied.planner.limits.velocity, share * np.array([2, 2, 2, 2, np.pi, 2, 2]))
     np.testing.assert_allclose(spied.planner.limits.acceleration, spied.planner.limits.velocity / 0.1)
-    np.testing.assert_allclose(spied.planner.guide.settings.acceleration, 0.9 * spied.planner.limits.acceleration)
-    np.testing.assert_allclose(spied.planner.router.speed, 0.9 * spied.planner.limits.velocity)
+    np.testing.assert_allclose(spied.planner.guide.settings.acceleration, 0.95 * spied.planner.limits.acceleration)
+    np.testing.assert_allclose(spied.planner.router.speed, 0.95 * spied.planner.limits.velocity)
 
 
 @pytest.mark.parametrize("influence", [0.07, 0.2])
@@ -118,10 +118,10 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
     spied.route = Route(Aim.GOAL, goals[1:])
     spied.tick(memory, 0.1, goal=GOAL, tracks=track(velocity))
     samples = spied.planner.optimiser.samples
-    arrival = (
-        0.6 / (0.9 * PARAMS.velocity_share * 2.0)
-        + spied.planner.limits.velocity[0] / (spied.planner.limits.acceleration[0])
-    )
+    # A trapezoid of speed, at 0.95 of what joint 1 may do, braked on with six tenths of that.
+    speed, harder = 0.95 * spied.planner.limits.velocity[0], 0.95 * spied.planner.limits.acceleration[0]
+    ramp, braking = speed / harder, speed / (0.6 * harder)
+    arrival = 0.6 / (0.95 * PARAMS.velocity_share * 2.0) + ramp / 2 + braking / 2
     clearance, at_goal = PARAMS.clearance, spied.situation.at_goals[1]
     np.testing.assert_array_equal(spied.situation.still, [True, velocity == 0.0])
     assert spied.situation.least == pytest.approx(0.25 * clearance)
@@ -132,12 +132,12 @@ def test_margins_grow_with_time_and_with_what_is_left_of_the_way(
         near = np.clip(at_goal[:2] - 0.003 + way, 0.25 * clearance, most)
         expected[row] = [near[0], most if velocity else near[1], 0.01]
     np.testing.assert_allclose(spied.asked["margins"], expected)
-    # A trapezoid of speed, at nine tenths of what joint 1 may do.
-    speed, harder = 0.9 * spied.planner.limits.velocity[0], 0.9 * spied.planner.limits.acceleration[0]
-    late, ramp = arrival - samples, speed / harder
-    up, down = speed * (samples - ramp / 2), 0.6 - harder * np.maximum(late, 0.0) ** 2 / 2
-    expected_way = np.where(late < ramp, down, up)
-    expected_way[samples < ramp] = harder * samples[samples < ramp] ** 2 / 2
+    # What is followed is a tenth of a second ahead.
+    ahead = samples + 0.1
+    late = arrival - ahead
+    up, down = speed * (ahead - ramp / 2), 0.6 - 0.6 * harder * np.maximum(late, 0.0) ** 2 / 2
+    expected_way = np.where(late < braking, down, up)
+    expected_way[ahead < ramp] = harder * ahead[ahead < ramp] ** 2 / 2
     np.testing.assert_allclose(spied.asked["reference"][:, 0], HOME[0] + expected_way, atol=1e-9)
 
 

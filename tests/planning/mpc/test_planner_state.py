@@ -18,13 +18,13 @@ def test_a_full_memory_is_packed_and_unpacked(n: int, knots: int) -> None:
     draw = rng.standard_normal
     memory = Memory(
         Trajectory(1.5, 0.15, draw(n), draw(n), draw((knots, n))), draw(n), draw(7), draw(n), draw((8, n)),
-        Route(Aim.REFUGE, draw((12, n))), 41, 17, True, False, 2.25,
+        Route(Aim.REFUGE, draw((12, n))), 41, 17, True, False, 2.25, draw(7), draw((5, n)),
     )  # fmt: skip
     vector = memory.pack()
     assert len(vector) == Memory.size(n, knots) == len(Memory.initial(np.zeros(n), knots, 0.1).pack())
     again = Memory.unpack(vector, n, knots, 0.15)
     np.testing.assert_array_equal(again.pack(), vector)
-    for name in ("offset", "goal", "stay", "goals"):
+    for name in ("offset", "goal", "stay", "goals", "next_goal", "beyond"):
         np.testing.assert_array_equal(getattr(again, name), getattr(memory, name))
     np.testing.assert_array_equal(again.route.points, memory.route.points)
     np.testing.assert_array_equal(again.trajectory.accelerations, memory.trajectory.accelerations)

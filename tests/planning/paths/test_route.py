@@ -330,14 +330,32 @@ def test_a_line_is_travelled_gently_from_what_is_not_passed() -> None:
     line = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0]])
     q, v = np.array([0.15, 0.0]), np.zeros(2)
     gentle, quick = (router.travel(q, Route(aim, line[1:]), v) for aim in (Aim.LINE, Aim.GOAL))
-    # Set off along with eight tenths of the acceleration, 3.2 rad/s², and braked on with a fifth of that.
-    assert quick.duration == pytest.approx(2.0 * np.sqrt(0.15 / 4.0))
-    peak = np.sqrt(2 * 0.15 / (1 / 3.2 + 1 / 0.64))
-    assert gentle.duration == pytest.approx(peak / 3.2 + peak / 0.64)
+    # Set off along with eight tenths of the acceleration, 3.2 rad/s², and braked on with three tenths of that.
+    peak = np.sqrt(2 * 0.15 / (1 / 4.0 + 1 / 2.4))
+    assert quick.duration == pytest.approx(peak / 4.0 + peak / 2.4), "others with six tenths"
+    peak = np.sqrt(2 * 0.15 / (1 / 3.2 + 1 / 0.96))
+    assert gentle.duration == pytest.approx(peak / 3.2 + peak / 0.96)
     np.testing.assert_allclose(gentle.at(np.array([peak / 3.2]))[0, 0], 0.15 + peak**2 / 6.4)
     # A way point that lies behind is no place to go to, even before that was decided.
     assert router.travel(q, Route(Aim.LINE, line), v).duration == pytest.approx(gentle.duration)
     assert router.travel(q, Route(Aim.GOAL, line), v).duration > quick.duration
+
+
+@pytest.mark.parametrize(("turn", "share"), [(1.0, 0.6), (-1.0, 0.3)])
+def test_a_line_up_is_braked_on_harder_than_one_down(turn: float, share: float) -> None:
+    router, scene = world(Wall())
+    router.acceleration = np.array([4.0, 4.0])
+    height = np.array([turn, 0.0])  # of the tool [m/rad]
+
+    def tool(q: Array) -> Array:
+        X_WT = np.zeros((len(q), 4, 4))
+        X_WT[:, 2, 3] = q @ height
+        return X_WT
+
+    scene.chain.tool = tool
+    peak = np.sqrt(2 * 0.15 / (1 / 3.2 + 1 / (3.2 * share)))
+    way = router.travel(np.zeros(2), Route(Aim.LINE, np.array([[0.15, 0.0]])), np.zeros(2))
+    assert way.duration == pytest.approx(peak / 3.2 + peak / (3.2 * share))
 
 
 def test_the_arm_steps_aside_from_what_comes_and_stays_where_nothing_does() -> None:

@@ -172,6 +172,17 @@ def test_the_approach_comes_from_above_with_open_fingers() -> None:
     np.testing.assert_array_equal(state.goal, state.grasp)
 
 
+def test_an_object_is_let_go_once_the_hand_is_slow_enough_to_have_closed() -> None:
+    world = SmallWorld(PICK_AND_PLACE)
+    world.until(Phase.LOWER)
+    for speed, after in ((1.1 * TUNING.slow, Phase.LOWER), (0.9 * TUNING.slow, Phase.OPEN)):
+        world.speed = speed
+        begun = world.now
+        while world.now - begun < TUNING.settled + 3 * TICK:
+            state = world.tick()
+        assert state.phase is after
+
+
 def test_nobody_reaches_down_with_fingers_half_open() -> None:
     world = SmallWorld((step("pick", time_limit=3.0),), stuck=0.06)
     state = world.run()

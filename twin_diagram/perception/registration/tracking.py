@@ -160,13 +160,10 @@ def _seen(known: Known, before: Slot, one: RegisteredPose, view: View) -> Slot:
 def follow_known(library: Sequence[Known], slots: Sequence[Slot], view: View) -> dict[int, RegisteredPose]:
     """Register each object that was found before near where it is expected, or where the hand has it, by number."""
     found = {}
-    held = view.segments.held
     for k, (known, slot) in enumerate(zip(library, slots, strict=True)):
-        if not slot.known:
-            continue
-        result = register_where_expected(known, slot, view)
-        if result is None and held is not None and held.asset == k:
-            result = register_where_held(known, slot, view, held)
+        result = register_where_expected(known, slot, view) if slot.known else None
+        if slot.known and result is None:
+            result = register_where_held(k, known, slot, view)
         if result is not None:
             found[k] = result
     return found

@@ -8,11 +8,12 @@ not believed to be there then, but what is seen where the hand has it is no othe
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import Poses
-from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import COARSE
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import Slot
@@ -21,17 +22,25 @@ from twin_diagram.perception.registration.where_expected import MOVING, register
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.segmentation.segments import HeldPlaces
 from twin_diagram.perception.things.clusters import Placed
+from twin_diagram.signals.layouts import PoseMeasurement
 
 
-def register_where_held(known: Known, slot: Slot, view: View, held: HeldPlaces) -> RegisteredPose | None:
-    """Register what the hand holds near that of its places of which the image shows most; None: it is not seen so."""
+def register_where_held(k: int, known: Known, slot: Slot, view: View) -> RegisteredPose | None:
+    """Register object k near that of the hand's places of which the image shows most; None: not held, or not seen."""
+    held = view.segments.held
+    if held is None or held.asset != k:
+        return None
     at = Poses(held.R, held.p)
     fits = assess(known.model, view.frame, at, view.params.model_points, COARSE, EXPECTED.rough).points
-    k = int(np.argmax(fits))
-    one = registered_near(known, view, held.R[k], held.p[k], MOVING, slot.alike)
+    most = int(np.argmax(fits))
+    one = registered_near(known, view, held.R[most], held.p[most], MOVING, slot.alike)
     return one if one is None else unmistaken(known, view, one, slot.odds)
 
 
-def places(held: HeldPlaces, model: ModelCloud) -> list[Placed]:
-    """Return what is held at each of its places: what an image shows there is no other thing."""
-    return [(model, R, p) for R, p in zip(held.R, held.p, strict=True)]
+def where_held(
+    held: HeldPlaces | None, library: Sequence[Known], measured: Sequence[PoseMeasurement]
+) -> Iterator[Placed]:
+    """Yield what is held and was not found at each of its places: what an image shows there is no other thing."""
+    if held is not None and measured[held.asset].quality <= 0:
+        for R, p in zip(held.R, held.p, strict=True):
+            yield library[held.asset].model, R, p

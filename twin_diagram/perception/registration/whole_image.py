@@ -27,7 +27,7 @@ from twin_diagram.perception.registration.slots import Slot, measurement, seen, 
 from twin_diagram.perception.registration.tracking import step
 from twin_diagram.perception.registration.turned_alike import unweighed
 from twin_diagram.perception.registration.view import Known
-from twin_diagram.perception.registration.where_held import places
+from twin_diagram.perception.registration.where_held import where_held
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things import memory as things
 from twin_diagram.perception.things.clusters import Placed, clusters, unexplained
@@ -160,15 +160,12 @@ def advance(
     before = [*slots, *(beside.further[k].slot for k in held)]
     after, measured, shift = step(library, before, segments, told.registration, told.smallest, beside.shift)
     after, measured = settled(assets, [one.model.radius for one in every], before, after, measured)
-    known: list[Placed] = [*elsewhere]
+    known: list[Placed] = [*elsewhere, *where_held(segments.held, library, measured)]
     for k, one in enumerate(measured):
         if one.quality > 0:
             known.append((library[k].model, after[k].R, after[k].p))
         elif after[k].known:
             measured[k] = replace(one, quality=-emptiness(library[k].model, after[k], segments))
-    in_hand = segments.held
-    if in_hand is not None and measured[in_hand.asset].quality <= 0:
-        known += places(in_hand, library[in_hand.asset].model)
 
     pool = _Pool([*beside.further], np.zeros((told.further, FURTHER_MEASUREMENT_SIZE)), beside.identities[0])
     for k, slot, one in zip(held, after[first:], measured[first:], strict=True):

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 
 from twin_diagram import scenario
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, torque_bounds
+from twin_diagram.planning.mpc.asking_ahead import answered, foretold, question_ahead, way_known
 from twin_diagram.planning.mpc.backing_out import proved_wrong, way_out, without
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.margins import TUNING as MARGINS
@@ -53,8 +55,8 @@ class Tuning:
     """Without anywhere to go the arm comes to rest in about this time [s]."""
 
     ahead: float = 0.1
-    """What is followed on a straight line is so far ahead [s]: by so much a plan lags, whose first acceleration is that
-    of the one before. Descents of 6 cm then run past their end by 0.4 mm, where they did by 2."""
+    """What is followed is so far ahead on its way [s]: by so much a plan lags, whose first acceleration is that of the
+    one before. Descents of 6 cm then run past their end by 0.4 mm, where they did by 2."""
 
     standing: float = 0.02
     """A plan that moves no joint by more than this [rad] stands: it may have found no way between margins …"""
@@ -62,7 +64,7 @@ class Tuning:
     going: float = 0.1
     """… where the way leads on by more than this [rad]; then it may come as near to what rests as the way does."""
 
-    travel: float = 0.9
+    travel: float = 0.95
     """Routes are travelled at this share of the limits of speed and acceleration, so that the motion can catch up."""
 
     reanchor: float = 0.25
@@ -88,6 +90,9 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+NO_GOAL: Final = np.zeros(POSE_SIZE)
+"""In the place of a goal (7,) that there is not."""
 
 
 @dataclass(frozen=True)
@@ -174,6 +179,7 @@ class MotionPlanner:
         goal: Array,
         *beside: Array | None,
         arm: ArmTorque | None = None,
+        after: Array | None = None,
     ) -> tuple[Memory, Report]:
         """Plan anew.
 
@@ -185,6 +191,7 @@ class MotionPlanner:
             goal: (7,) X_WG of the tool frame; an all-zero quaternion: stay.
             beside: further instances and unknown things, as `Scene.forecast` takes them.
             arm: dynamics as known now, for bounds on torque; None: there are none.
+            after: (7,) the goal after this one: a way there is searched for before; None, zeros: it is not known.
         """
         rng = np.random.default_rng([self.params.seed, memory.tick])
         if memory.braked and self.searcher.works():
@@ -199,9 +206,9 @@ class MotionPlanner:
         memory = self._heard(memory, q0, forecast)
         if memory.tick % self._every == 0 or memory is not before:
             memory = self._decided(memory, q0, forecast, question, rng)
-        route = memory.route
+        memory = self._looked_ahead(memory, question, forecast, after)
 
-        samples = self.optimiser.samples
+        route, samples = memory.route, self.optimiser.samples
         end = route.points[-1:] if route.to_goal else memory.goals[:0]
         stays = not np.any(memory.goal)
         situation = self.guide.margins_at(q0, forecast, end, at_rest=stays)
@@ -209,10 +216,8 @@ class MotionPlanner:
         margins = at_samples(situation, samples, way.duration, stays=stays)
         around = self.scene.around(forecast, samples)
         guess = memory.trajectory.at(now + samples)[0] - memory.offset
-        line = route.aim is Aim.LINE
-        reference = way.at(samples + (TUNING.ahead if line else 0.0))
-        if route.aim is Aim.NOTHING:
-            reference = np.repeat(stop[None], len(samples), axis=0)
+        line, waits = route.aim is Aim.LINE, route.aim is Aim.NOTHING
+        reference = np.repeat(stop[None], len(samples), axis=0) if waits else way.at(samples + TUNING.ahead)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
         if line or (route.to_goal and _stands(guess, reference)):
             near = self.scene.clearance.distances(reference, around, float(margins.max()) + MARGINS.kept, own=False)
@@ -242,6 +247,8 @@ class MotionPlanner:
         answer = self.searcher.answer(question)
         if answer is None:
             return replace(memory, pending=None, braked=True, route=Route.none(len(q0)))
+        if not np.array_equal(question.goal, memory.goal):
+            return answered(memory, answer.points)
         memory = replace(memory, pending=None, heard=True, goals=answer.goals)
         points = answer.points[: PLANNER_STATE.way_points]
         now = self.guide.situation(q0, forecast, answer.goals)
@@ -267,6 +274,23 @@ class MotionPlanner:
         question = replace(question, goal=memory.goal, goals=memory.goals, more_goals=wanted, hand=self._hand)
         self.searcher.ask(question)
         return replace(memory, pending=question, asked=memory.tick)
+
+    def _looked_ahead(self, memory: Memory, question: Question, forecast: Forecast, after: Array | None) -> Memory:
+        """Ask for a way on to the goal after this one, where nothing else is asked for: once, unless it is blocked."""
+        if after is None or not after.any() or memory.pending is not None or memory.braked or not memory.route.to_goal:
+            return memory
+        if foretold(memory, after):
+            if not len(memory.beyond) or memory.tick % self._every:
+                return memory
+            then = self.guide.situation(memory.route.points[-1], forecast, memory.beyond[-1:])
+            free = self.router.follows(memory.beyond, then)
+            return memory if free else replace(memory, next_goal=NO_GOAL, beyond=memory.beyond[:0])
+        memory = replace(memory, next_goal=after.copy(), beyond=memory.goals[:0])
+        asked = question_ahead(self.guide, memory, replace(question, hand=self._hand), after)
+        if asked is None:
+            return memory
+        self.searcher.ask(asked)
+        return replace(memory, pending=asked, asked=memory.tick)
 
     def _anchor(self, memory: Memory, now: float, arm_state: Array) -> tuple[Memory, Array, Array, Array, bool]:
         """Return where the new plan starts: where the arm is, but for what it lags behind along its own way.
@@ -355,7 +379,11 @@ class MotionPlanner:
             found = together(line[-1:], found)
             if self.router.follows(line, self.guide.situation(q0, forecast, found)):
                 route = Route(Aim.LINE, line)
-        memory = replace(memory, goal=goal.copy(), goals=found, route=route)
+        elif len(known := way_known(self.guide, memory, goal, rng, TUNING.first_goals)):
+            found = together(known[-1:], found)
+            if self.router.follows(known, self.guide.situation(q0, forecast, found)):
+                route = Route(Aim.GOAL, known)
+        memory = replace(memory, goal=goal.copy(), goals=found, route=route, next_goal=NO_GOAL, beyond=found[:0])
         return replace(memory, pending=None, heard=False, asked=FRESH)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import accumulate, pairwise
 from typing import Final
 
@@ -46,6 +46,8 @@ class Memory:
         heard: a search has answered since the goal is the present one.
         braked: what searches has failed: the arm rests until it works again.
         checked: when a tick last made a plan, or looked for a better one than the plan before and found none [s].
+        next_goal: (7,) the goal after this one that a way was looked for to; all zero for none.
+        beyond: (W, n) the way points to it that were found.
         pending: what was asked and not yet answered; no part of the vector.
     """
 
@@ -60,6 +62,8 @@ class Memory:
     heard: bool = False
     braked: bool = False
     checked: float = NEVER
+    next_goal: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
+    beyond: Array = field(default_factory=lambda: np.zeros((0, 0)))
     pending: Question | None = None
 
     @property
@@ -70,7 +74,7 @@ class Memory:
     @staticmethod
     def size(n: int, knots: int) -> int:
         """Return the length of the packed vector."""
-        return 1 + n * (2 + knots) + n + POSE_SIZE + n + 1 + GUIDE.goals * n + 2 + TUNING.way_points * n + 5
+        return 1 + n * (2 + knots) + n + 2 * POSE_SIZE + n + 1 + GUIDE.goals * n + 3 + 2 * TUNING.way_points * n + 5
 
     @staticmethod
     def initial(q: Array, knots: int, step: float) -> Memory:
@@ -95,10 +99,14 @@ class Memory:
         goals[: len(self.goals)] = self.goals
         count = min(len(self.route.points), TUNING.way_points)
         points[:count] = self.route.points[:count]
+        beyond = np.zeros_like(points)
+        if len(self.beyond):
+            beyond[: len(self.beyond)] = self.beyond
         return np.concatenate(
             [
                 [t.start], t.q0, t.v0, t.accelerations.ravel(), self.offset, self.goal, self.stay,
                 [len(self.goals)], goals.ravel(), [int(self.route.aim), count], points.ravel(),
+                self.next_goal, [len(self.beyond)], beyond.ravel(),
                 [self.tick, self.asked, self.heard, self.braked, self.checked],
             ]
         )  # fmt: skip
@@ -124,10 +132,11 @@ class Memory:
     @staticmethod
     def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
         """Return the inverse of `pack`, with nothing pending; copies."""
-        sizes = (n, POSE_SIZE, n, 1, GUIDE.goals * n, 2, TUNING.way_points * n, 5)
+        ways = TUNING.way_points * n
+        sizes = (n, POSE_SIZE, n, 1, GUIDE.goals * n, 2, ways, POSE_SIZE, 1, ways, 5)
         ends = [*accumulate(sizes, initial=1 + (2 + knots) * n)]
-        whole = np.array(vector)
-        offset, goal, stay, count, goals, route, points, last = (whole[a:b] for a, b in pairwise(ends))
+        parts = [vector[a:b].copy() for a, b in pairwise(ends)]
+        offset, goal, stay, count, goals, route, points, next_goal, found, beyond, last = parts
         return Memory(
             Memory.trajectory_of(vector, n, knots, step),
             offset,
@@ -140,4 +149,6 @@ class Memory:
             bool(last[2]),
             bool(last[3]),
             float(last[4]),
+            next_goal,
+            beyond.reshape(TUNING.way_points, n)[: int(found[0])],
         )

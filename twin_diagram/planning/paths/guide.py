@@ -167,13 +167,17 @@ class Guide:
 
         Those that are clear of everything come first, the nearest first among them.
         """
-        chain, low, high = self.scene.chain, self.scene.lower, self.scene.upper
-        found = inverse_kinematics.solve(chain, _pose(goal), q, low, high, rng, tuning)
+        found = self.reaching(q, goal, rng, tuning)
         if not len(found):
             return found
         now = self.situation(q, forecast, found)
         clear = (now.at_goals >= np.append(np.full(len(now.still), now.least), now.own)).all(axis=1)
         return found[np.argsort(~clear, kind="stable")][: TUNING.goals]
+
+    def reaching(self, q: Array, goal: Array, rng: np.random.Generator, tuning: Any = None) -> Array:
+        """Return joint positions (G, n) that put the tool at a goal (7,), the nearest first, whatever is about."""
+        scene = self.scene
+        return inverse_kinematics.solve(scene.chain, _pose(goal), q, scene.lower, scene.upper, rng, tuning)
 
     def straight_way(self, q: Array, goal: Array) -> Array:
         """Return way points (W, n) that take the tool straight to a goal (7,) near by; W = 0: see `straight_line`."""

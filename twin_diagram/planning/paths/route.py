@@ -149,10 +149,11 @@ class Router:
     def travel(self, q: Array, route: Route, v: Array | None = None) -> SpeedProfile:
         """Return the quickest way along a route from where the arm is, (n,), at velocity v; None: at rest.
 
-        Straight lines in space end gently.
+        All end gently, straight lines down the most: up there is nothing to run into.
         """
-        line = route.aim is Aim.LINE
-        share, gentle = (self.tuning.line_acceleration, self.tuning.line_braking) if line else (1.0, 1.0)
+        tuning, line = self.tuning, route.aim is Aim.LINE
+        down = line and lifting.higher(self.scene.chain, q, route.points[-1]) <= 0.0
+        share, gentle = tuning.line_acceleration if line else 1.0, tuning.line_braking if down else tuning.braking
         return profile(np.vstack([q, self._ahead(q, route)]), self.speed, share * self.acceleration, v, gentle)
 
     def _ahead(self, q: Array, route: Route) -> Array:

@@ -47,8 +47,11 @@ class RouteTuning:
     """From this near a way point is dropped where the way beyond is just free [rad]: the motion rounds corners off."""
     line_acceleration: float = 0.8
     """Straight lines in space are set off along with this share of the acceleration …"""
-    line_braking: float = 0.2
-    """… and braked on with this share of that: the arm follows late, and would run past their end."""
+    line_braking: float = 0.3
+    """… and braked on with this share of that: the arm follows late, and would run past their end; up there is
+    nothing to run into."""
+    braking: float = 0.6
+    """Other ways are braked on with this share of the acceleration, for the same reason."""
     station_reached: float = 0.01
     """A way point of a straight line this near is passed [rad]: a fifth of what lies between two."""
     refuge_tries: int = 48

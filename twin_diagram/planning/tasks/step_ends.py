@@ -34,14 +34,15 @@ class Tuning:
     passing: float = 0.02
     """Points on the way count as reached within this [m] …"""
 
-    passing_speed: float = 0.12
+    passing_speed: float = 0.2
     """… at less than this [m/s]."""
 
     still: float = 0.02
     """A tool slower than this is at rest [m/s]: fingers that close in 0.1 s then move by less than its tolerance."""
 
     slow: float = 0.05
-    """A tool slower than this may close its fingers [m/s]: in the 0.1 s that it takes it moves by half a tolerance."""
+    """A tool slower than this may close or open its fingers [m/s]: in the 0.1 s that it takes it moves by half a
+    tolerance."""
 
     settled: float = 0.10
     """So long must the end of a phase last [s]."""

@@ -194,6 +194,7 @@ class TaskState:
         lies: where what is held lies in the hand, or what was held last.
         past: (PAST_SIZE) where the tool was of late, while something is held; see `tool_past`.
         notes: (RING · NOTE_FIELDS) newest last.
+        after: (7) where the arm goes after `goal`, see `goal_after`; zeros: not known.
     """
 
     step: int = 0
@@ -215,6 +216,7 @@ class TaskState:
     lies: InHand = field(default_factory=InHand)
     past: Array = field(default_factory=no_past)
     notes: Array = field(default_factory=lambda: np.tile([NEVER, *[0.0] * (NOTE_FIELDS - 1)], RING))
+    after: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
 
     def entering(self, phase: Phase, now: float, goal: Array | None = None) -> TaskState:
         """Return the state at the begin of a phase; `goal` (7), None: stay."""
@@ -233,29 +235,31 @@ class TaskState:
             self.elsewhere, self.image, self.opened, self.force, self.others,
         ]  # fmt: skip
         first = [np.array(numbers, dtype=float), self.goal, self.grasp, self.hand.pack()]
-        return np.concatenate([*first, self.lies.pack(), self.past, self.notes])
+        return np.concatenate([*first, self.lies.pack(), self.past, self.notes, self.after])
 
     @staticmethod
     def unpack(vector: Array) -> TaskState:
         """Return the inverse of `pack`; copies."""
         copy = np.array(vector)
-        numbers, goal, grasp, hand, lies, past, notes = (copy[part] for part in _PARTS)
+        numbers, goal, grasp, hand, lies, past, notes, after = (copy[part] for part in _PARTS)
         step, phase, outcome, why, begun, since, steady, attempt, elsewhere, *rest = numbers.tolist()
         image, opened, force, others = rest
         return TaskState(
             int(step), Phase(int(phase)), TaskOutcome(int(outcome)), Why(int(why)), begun, since, steady, int(attempt),
             int(elsewhere), image, opened, force, int(others), goal, grasp, Hand.unpack(hand), InHand.unpack(lies),
-            past, notes,
+            past, notes, after,
         )  # fmt: skip
 
 
 _PARTS: Final = tuple(
     slice(*ends)
     for ends in pairwise(
-        accumulate((0, NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE, IN_HAND_SIZE, PAST_SIZE, RING * NOTE_FIELDS))
+        accumulate(
+            (0, NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE, IN_HAND_SIZE, PAST_SIZE, RING * NOTE_FIELDS, POSE_SIZE)
+        )
     )
 )
-"""Of a packed `TaskState`: numbers, goal, grasp, hand, lies, past, notes."""
+"""Of a packed `TaskState`: numbers, goal, grasp, hand, lies, past, notes, after."""
 TOLD: Final = MappingProxyType(
     {
         "goal": _PARTS[1],
@@ -263,6 +267,7 @@ TOLD: Final = MappingProxyType(
         "step": slice(0, 1),
         "hand": _PARTS[3],
         "notes": _PARTS[6],
+        "next_goal": _PARTS[7],
     }
 )
 """Where in a packed `TaskState` stands what goes out as it is, by the port's name."""
@@ -270,7 +275,7 @@ OPENED: Final = 10
 """Where `TaskState.opened` stands in a packed one."""
 OUTCOME: Final = (2, 3, 1)
 """Where `outcome`, `why` and `phase` stand."""
-STATE_SIZE: Final = NUMBERS + 2 * POSE_SIZE + HAND_SIZE + IN_HAND_SIZE + PAST_SIZE + RING * NOTE_FIELDS
+STATE_SIZE: Final = _PARTS[-1].stop
 """Numbers of a packed `TaskState`."""
 
 

@@ -20,6 +20,7 @@ from twin_diagram.planning.grasps.gripper import SHIPPED
 from twin_diagram.planning.grasps.kept_grasps import grasps_of
 from twin_diagram.planning.grasps.known_object import read_known
 from twin_diagram.planning.tasks import step_state
+from twin_diagram.planning.tasks.goal_after import goal_after
 from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.planning.tasks.in_hand import Eye
 from twin_diagram.planning.tasks.slips import told_of
@@ -134,6 +135,7 @@ class TaskRunner(LeafSystem):
         - outcome
         - hand
         - notes
+        - next_goal
 
     Ports:
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
@@ -151,6 +153,7 @@ class TaskRunner(LeafSystem):
         outcome: (3) `step_state.TaskOutcome`, `step_state.Why`, `step_state.Phase`.
         hand: (HAND_SIZE) what is held or may be touched; see `signals.hand`.
         notes: (RING · NOTE_FIELDS) what happened to steps, newest last; see `step_state.told`.
+        next_goal: (7) where the arm goes after `goal`; zeros: it is not known.
 
     Rate: twice the planner's, a periodic discrete update. Latency: one period; the planner plans for the goal of the
     tick before. State: one discrete vector, see `step_state.TaskState`.
@@ -209,6 +212,7 @@ class TaskRunner(LeafSystem):
             "outcome": (3, lambda vector: vector[list(step_state.OUTCOME)]),
             "hand": (HAND_SIZE, lambda vector: vector[step_state.TOLD["hand"]]),
             "notes": (step_state.RING * step_state.NOTE_FIELDS, lambda vector: vector[step_state.TOLD["notes"]]),
+            "next_goal": (POSE_SIZE, lambda vector: vector[step_state.TOLD["next_goal"]]),
         }
         for name, (size, value) in outputs.items():
             self._declare_output(name, size, value)
@@ -256,7 +260,9 @@ class TaskRunner(LeafSystem):
         seen = self._seen(context)
         if seen is None:
             return EventStatus.DidNothing()
-        discrete.set_value(int(self._state), cast(Any, advance(state, seen, self._steps, self._library).pack()))
+        state = advance(state, seen, self._steps, self._library)
+        state = replace(state, after=goal_after(state, seen, self._steps, self._library))
+        discrete.set_value(int(self._state), cast(Any, state.pack()))
         return EventStatus.Succeeded()
 
     def _seen(self, context: Context) -> StepView | None:
