@@ -38,9 +38,7 @@ def read(path: Path, *, of_any_code: bool = False) -> list[dict[str, Any]]:
             found = json.loads(line)
         except json.JSONDecodeError:
             continue
-        if of_any_code:
-            result.append(found)
-        elif found.pop("code", None) == code():
+        if of_any_code or found.get("code") == code():
             result.append(found)
         else:
             others += 1
@@ -52,6 +50,6 @@ def read(path: Path, *, of_any_code: bool = False) -> list[dict[str, Any]]:
 def append(path: Path, result: dict[str, Any]) -> None:
     """Add a result with its code, on a line of its own even where the last one was cut off."""
     whole = not path.is_file() or path.read_bytes()[-1:] in (b"", b"\n")
-    line = json.dumps({"code": code(), **result}, ensure_ascii=False, default=float)
+    line = json.dumps({**result, "code": code()}, ensure_ascii=False, default=float)
     with path.open("a", encoding="utf-8") as file:
         file.write(("" if whole else "\n") + line + "\n")

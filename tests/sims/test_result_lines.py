@@ -22,7 +22,8 @@ def test_a_line_that_was_cut_off_costs_that_line_alone(tmp_path: Path) -> None:
     with file.open("a") as written:
         written.write('{"seed": 2, "kind": {"a": 1}')
     result_lines.append(file, {"seed": 3})
-    assert result_lines.read(file) == [{"seed": 1, "error": 0.5}, {"seed": 3}]
+    code = result_lines.code()
+    assert result_lines.read(file) == [{"seed": 1, "error": 0.5, "code": code}, {"seed": 3, "code": code}]
     assert Trials(file).find(seed=3) is not None and Trials(file).find(seed=2) is None
 
 
@@ -35,7 +36,7 @@ def test_results_of_other_code_are_not_read_back(
         before.setattr(result_lines, "code", lambda: "other")
         result_lines.append(file, {"seed": 2})
     result_lines.append(file, {"seed": 3})
-    assert result_lines.read(file) == [{"seed": 3}]
+    assert result_lines.read(file) == [{"seed": 3, "code": result_lines.code()}]
     assert f"{file}: 2 results of other code" in capsys.readouterr().err
     assert [one["seed"] for one in result_lines.read(file, of_any_code=True)] == [1, 2, 3]
 
