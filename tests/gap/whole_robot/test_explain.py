@@ -13,7 +13,9 @@ from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.findings import Estimate, Finding
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
-from twin_diagram.gap.whole_robot.explain import explain
+from twin_diagram.gap.whole_robot.explain import begun, explain, settled
+from twin_diagram.gap.whole_robot.physical_fit import with_noise
+from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.model.model import Model
 
 DAMPING, LEVEL, BIAS, ROTOR = 3.0, 4.0, 1.5, 0.8
@@ -51,6 +53,13 @@ def lacking() -> tuple[Model, WholeRobot]:
     found = explain(noisy(ARM, true))
     assert found is not None
     return true, found
+
+
+def test_noise_is_what_the_fit_leaves_also_where_the_description_is_far_off() -> None:
+    carried = effect("payload", links=["tool0"], mass=20.0, com=[0.1, 0.05, 0.15])
+    records = noisy(ARM, ARM.with_effects([carried, everywhere("coulomb_friction", torque=LEVEL)]), 5.0)
+    problem, z = settled(begun(records, equations(records)))
+    np.testing.assert_allclose(with_noise(problem, z).variance, problem.variance, rtol=0.05)
 
 
 def told(found: WholeRobot, name: str) -> Finding:

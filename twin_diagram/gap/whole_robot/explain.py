@@ -50,8 +50,11 @@ class Tuning:
     share: float = 0.05
     """Of a sample that is independent, at first."""
 
-    settle: int = 3
-    """Times that fit and noise take turns."""
+    settle: int = 20
+    """Times that fit and noise take turns at most: where a description is far off, each turn quiets some joints."""
+
+    settled: float = 0.02
+    """Share by which no joint's noise, nor what of it is independent, changes any more."""
 
     turns: int = 2
     """Times that what is unusual and what is usual take turns."""
@@ -287,6 +290,9 @@ def begun(records: Records, sums: TorqueEquations) -> RobotProblem:
 def settled(problem: RobotProblem, z: Array | None = None) -> tuple[RobotProblem, Array]:
     """Return the problem with the noise that its own fit leaves, and that fit."""
     for _ in range(TUNING.settle):
-        z = solve(problem, None, z)
-        problem = with_noise(problem, z)
+        z, before = solve(problem, None, z), problem
+        problem = with_noise(before, z)
+        noise, last = ([one.variance, one.share] for one in (problem, before))
+        if np.allclose(noise, last, rtol=TUNING.settled, atol=0.0):
+            break
     return problem, solve(problem, None, z)
