@@ -565,6 +565,7 @@ TWIN_CASES = {
     "twin.camera.rate=0": ("twin.camera.rate", "0.0"),
     "twin.camera.depth_range=[3, 1]": ("twin.camera.depth_range", "[3.0, 1.0]"),
     "twin.camera.X_WC.rpy=[1, 2, 3, 4]": ("twin.camera.X_WC.rpy",),
+    "twin.cameras={my cam: {role: perception}}": ("twin.cameras.my cam: 'my cam'", "letters"),
     "twin.camera.X_WC.rpy=[-130, 0, 90]": ("twin.camera.X_WC.rpy", "-130", "degrees"),
     "twin.filter.rate=-5": ("twin.filter.rate", "-5.0"),
     "twin.filter.parameters=[magic]": ("twin.filter.parameters", "'magic'", "payload"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from numbers import Real
 from typing import Any
 
@@ -165,6 +166,8 @@ def _cameras(twin: Twin) -> None:
     """Check the cameras beside the first: role, name, optics."""
     for name, camera in twin.cameras.items():
         field = f"twin.cameras.{name}"
+        if not re.fullmatch(r"\w[\w-]*", name):  # ports are called so
+            raise ScenarioError(field, f"{name!r} is not a name of letters, digits, _ and -")
         if camera.role not in ("perception", "pictures"):
             raise ScenarioError(f"{field}.role", f"{camera.role!r} is none of perception, pictures")
         if twin.camera is not None and name == twin.camera.name:
