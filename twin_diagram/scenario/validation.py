@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from numbers import Real
 from typing import Any
 
@@ -98,6 +99,8 @@ NOT_NEGATIVE: dict[type, tuple[str, ...]] = {
 """Fields that may be zero, but not below."""
 MOST_RATE = 1e5
 """What comes more often than this [1/s] was told in another unit, and fills the memory."""
+MOST_TURN = 2 * math.pi + 1e-3
+"""An angle of a pose beyond a whole turn, and rounding [rad], was told in degrees."""
 BEFORE_NEXT = 0.002
 """What an image shows is to count so long before the next is delivered [s]: twice the millisecond after which images
 are looked at."""
@@ -163,6 +166,8 @@ def _cameras(twin: Twin) -> None:
     """Check the cameras beside the first: role, name, optics."""
     for name, camera in twin.cameras.items():
         field = f"twin.cameras.{name}"
+        if not re.fullmatch(r"\w[\w-]*", name):  # ports are called so
+            raise ScenarioError(field, f"{name!r} is not a name of letters, digits, _ and -")
         if camera.role not in ("perception", "pictures"):
             raise ScenarioError(f"{field}.role", f"{camera.role!r} is none of perception, pictures")
         if twin.camera is not None and name == twin.camera.name:
@@ -244,6 +249,8 @@ def _check_fields(value: Any, name: str) -> None:
         for field in ("translation", "rpy"):
             if len(getattr(value, field)) != 3:
                 raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not three numbers")
+        if max(map(abs, value.rpy)) > MOST_TURN:
+            raise ScenarioError(f"{name}.rpy", f"{value.rpy} looks like degrees; angles are in rad")
 
 
 def _learning(learning: Learning, cameras: dict[str, Camera], name: str) -> None:

@@ -229,6 +229,18 @@ def test_several_links_are_lines_of_one_table_and_not_told_one_by_one(model: Mod
     assert "link" + "mass" + "centre of mass" + "inertia" + "upper32 ± 24 kg" in text and "joint" + "mass" not in text
 
 
+def test_what_stands_in_the_bars_drawing_can_be_read() -> None:
+    """Names of a UR's joints are whole, and the noise's mark crosses no value: at 0.7 of the way it did."""
+    residual = np.array([0.00946, 0.00874])
+    svg = charts.bars(["shoulder_pan_joint", "elbow_joint"], residual, residual, np.array([0.0135, 0.0115]), "N·m")
+    assert ">shoulder_pan_joint<title>" in svg
+    marks = [float(x) for x in re.findall(r'<line x1="([\d.]+)"', svg)]
+    values = [float(x) for x in re.findall(r'<text x="([\d.]+)" y="[\d.]+" class="value">', svg)]
+    assert len(marks) == 2 and len(values) == 4
+    for mark, *texts in zip(marks, values[::2], values[1::2], strict=True):
+        assert all(not x < mark < x + 11 * charts.LETTER for x in texts), (mark, texts)
+
+
 def test_a_lost_arm_says_no_more_than_that() -> None:
     svg = charts.bars(["a", "b"], np.array([4e5, 2.0]), np.array([3.0, 1.0]), None, "mrad", most=3141.6)
     assert "&gt; 3142 mrad" in svg and "e+05" not in svg and "2.00 mrad" in svg

@@ -164,14 +164,14 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "name": (lambda f: shutil.copy(f / "depth/000001.png", f / "depth/first.png"), "named by their frame's number"),
     "two masks": (
         lambda f: shutil.copy(f / "mask_visib/000001_000000.png", f / "mask_visib/000001_000001.png"),
-        "two things are masked",
+        "two things are masked; copy the masks of one into a folder of its own, for --masks",
     ),
     "size": (lambda f: small(f / "depth/000001.png"), "depth is 200 × 158, before it was 200 × 160"),
     "mask size": (lambda f: [small(p) for p in (f / "mask_visib").iterdir()], "200 × 158, the picture is 200 × 160"),
     "all depth": (lambda f: [small(p) for p in (f / "depth").iterdir()], "camera_extra.json"),
     "empty mask": (
         lambda f: cv2.imwrite(str(f / "mask_visib/000001_000000.png"), np.zeros((160, 200), np.uint8)),
-        "000001_000000.png: the mask is empty",
+        "000001_000000.png: the mask is empty; leave out frames",
     ),
     "8 bits": (
         lambda f: cv2.imwrite(str(f / "depth/000001.png"), np.zeros((160, 200), np.uint8)),

@@ -13,10 +13,16 @@ from twin_diagram.signals.arrays import Array
 ROW = 46
 """Height of one joint's two bars and the gap below them [px of the drawing]."""
 
-LABEL = 132
-"""Left of the bars: 17 letters of a joint's name [px]."""
+LABEL = 164
+"""Left of the bars: a joint's name, `LETTERS` of it at the most [px]."""
 
-VALUE = 150
+LETTERS = 19
+"""Of a name, as of `shoulder_lift_joint`."""
+
+LETTER = 7.2
+"""Width of one in the widest font that browsers take, DejaVu Sans [px]."""
+
+VALUE = 130
 """Right of the bars: a value and its unit [px]."""
 
 WIDTH = 560
@@ -83,7 +89,8 @@ def _joint_bars(
         y = top + k * (BAR + 2)
         wide = max(1.5, value * scale)
         text = f"{'&gt; ' if value == most else ''}{number(value)} {unit}"
-        beside = max(wide, floor * scale) if abs(wide - floor * scale) < 60.0 else wide
+        crossed = -6.0 < floor * scale - wide < 6.0 + LETTER * len(text)  # the noise's mark would cross the text
+        beside = max(wide, floor * scale) if crossed else wide
         parts.append(
             f'<rect x="{LABEL}" y="{y}" width="{wide:.1f}" height="{BAR}" rx="2" class="{kind}"/>'
             f'<text x="{LABEL + beside + 6:.1f}" y="{y + BAR - 2.5}" class="value">{text}</text>'
@@ -134,5 +141,5 @@ def sparkline(time: Array, position: Array, joints: Sequence[str], moved: Sequen
     return f'<svg class="spark" viewBox="0 -2 {wide} {high + 4}" role="img">{"".join(line for _, line in lines)}</svg>'
 
 
-def _short(name: str, most: int = 17) -> str:
+def _short(name: str, most: int = LETTERS) -> str:
     return name if len(name) <= most else f"{name[: most - 1]}…"

@@ -114,9 +114,9 @@ def _lost(error: float, most: float) -> str:
 
 
 def _figure(text: str) -> str:
-    """Return a number in large, its unit after a bar in small."""
+    """Return a number in large, its unit after a bar in small; where a tile is narrow, on a line of its own."""
     number, _, unit = text.partition("|")
-    return escape(number) + (f" <small>{escape(unit)}</small>" if unit else "")
+    return f"<em>{escape(number)}</em>" + (f" <small>{escape(unit)}</small>" if unit else "")
 
 
 def _how(subject: Subject) -> str:

@@ -23,7 +23,8 @@ header.top h1.long { font-size:22px; max-width:38em; }
 .tile { background:var(--paper); border:1px solid var(--line); border-radius:12px; padding:16px 18px;
   box-shadow:0 2px 10px rgba(20,32,50,.06); }
 .tile b { letter-spacing:-.01em; display:block; font-size:22px; line-height:1.35; font-weight:680;
-  white-space:nowrap; font-variant-numeric:tabular-nums; }
+  font-variant-numeric:tabular-nums; }
+.tile em { font-style:normal; white-space:nowrap; }
 .tile small { font-size:14px; font-weight:600; color:var(--soft); }
 .tile span { color:var(--soft); font-size:14px; line-height:1.4; display:block; margin-top:4px; }
 section { background:var(--paper); border:1px solid var(--line); border-radius:12px; padding:24px 26px;
@@ -51,7 +52,7 @@ td.n, th.n { text-align:right; } tr:last-child td { border-bottom:0; }
 .fill { display:block; height:100%; border-radius:5px; background:var(--before); }
 .charts { display:grid; grid-template-columns:1fr 1fr; gap:20px 34px; } .charts h3 { font-size:15.5px; }
 .bars { width:100%; height:auto; display:block; } .bars text { font-size:14px; fill:var(--ink); }
-.bars .joint { text-anchor:end; } .bars .value { font-size:12.5px; fill:var(--soft); }
+.bars .joint { text-anchor:end; font-size:13px; } .bars .value { font-size:12.5px; fill:var(--soft); }
 .bars .before { fill:var(--before); } .bars .after { fill:var(--after); }
 .bars .noise { stroke:#4b5668; stroke-width:1.6; stroke-dasharray:3 2; }
 .legend { font-size:14px; color:var(--soft); margin:0 0 14px; }

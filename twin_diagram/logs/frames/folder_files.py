@@ -62,7 +62,8 @@ def numbered(folder: Path, of_objects: bool = False) -> dict[int, Path]:
         if not frame.isdecimal() or not (item == "" or (of_objects and item.isdecimal())):
             raise FramesError(f"{path}: images are named by their frame's number, e.g. 000012{path.suffix}")
         if int(frame) in found:
-            what = "two things are masked; keep the masks of one" if of_objects else "the frame is there twice"
+            several = "two things are masked; copy the masks of one into a folder of its own, for --masks"
+            what = several if of_objects else "the frame is there twice"
             raise FramesError(f"{path}: beside {found[int(frame)].name}: {what}")
         found[int(frame)] = in_folder(folder, path.name)
     return found

@@ -257,7 +257,7 @@ def read_mask(path: Path, size: tuple[int, ...] | None = None) -> Mask:
         layers = layers[..., :3]
     mask = layers.max(axis=-1) > 0
     if not mask.any():
-        raise FramesError(f"{path}: the mask is empty")
+        raise FramesError(f"{path}: the mask is empty; leave out frames that do not show the object")
     if mask.all():
         raise FramesError(f"{path}: the mask holds the whole picture; it must be black where the object is not")
     if size is not None and mask.shape != size:

@@ -25,7 +25,7 @@ READINGS: tuple[Callable[[str], Any], ...] = (
 STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:70rem;padding:0 1rem;color:#1d2733}"
     "table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.35rem .7rem;"
-    "border-bottom:1px solid #dde3ea;vertical-align:top}th{font-weight:600}.bad{color:#a3341c}"
+    "border-bottom:1px solid #dde3ea;vertical-align:top}th{font-weight:600}.day{white-space:nowrap}.bad{color:#a3341c}"
 )
 """Of the page: plain, so that it prints well."""
 
@@ -82,7 +82,7 @@ def page(lines: Sequence[VisitResult], folders: Sequence[str]) -> str:
         for name, robots in wrong.items()
     )
     rows = "".join(
-        f"<tr><td>{escape(line.robot)}</td><td>{escape(line.date)}</td>{_verdict(line, folder)}"
+        f"<tr><td>{escape(line.robot)}</td><td class='day'>{escape(line.date)}</td>{_verdict(line, folder)}"
         f"<td>{escape(line.headline)}</td><td>{'' if line.left is None else f'{100 * line.left:.0f} %'}</td></tr>"
         for line, folder in zip(lines, folders, strict=True)
     )
