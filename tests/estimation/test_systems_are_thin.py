@@ -99,11 +99,11 @@ def test_a_filter_says_what_the_same_filter_says_by_hand() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ahead", "accepted", "invalid"),
-    [(0.249, 1, 0), (0.251, 0, 1), (-5.0, 0, 1), (np.nan, 0, 0), (-1.5, 0, 0)],
+    ("ahead", "accepted", "invalid", "stale"),
+    [(0.249, 1, 0, 0), (0.251, 0, 1, 0), (-5.0, 0, 0, 1), (np.nan, 0, 0, 0), (-1.5, 0, 0, 0)],
 )
 def test_readings_of_the_future_or_the_far_past_are_counted_and_left_out(
-    ahead: float, accepted: int, invalid: int
+    ahead: float, accepted: int, invalid: int, stale: int
 ) -> None:
     params = Filter(parameters=[], sensors=SPECS[1:])
     system = AdaptiveEkf(ARM, params)
@@ -116,7 +116,8 @@ def test_readings_of_the_future_or_the_far_past_are_counted_and_left_out(
         fix(system, context, position_measured=q, velocity_estimated=v, torque_measured=tau, measurement_time=t)
         tick(system, context, t)
     track = out(system, context, "sensor_tracks")
-    assert (track[SensorTrack.ACCEPTED], track[SensorTrack.INVALID]) == (accepted, invalid)
+    counts = track[[SensorTrack.ACCEPTED, SensorTrack.INVALID, SensorTrack.STALE]]
+    np.testing.assert_array_equal(counts, [accepted, invalid, stale])
     before = track.copy()
     tick(system, context, 9.0)  # the same reading is used once
     np.testing.assert_array_equal(

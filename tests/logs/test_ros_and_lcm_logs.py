@@ -204,7 +204,7 @@ def test_bags_that_are_no_logs(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no such log file"):
         read_log(tmp_path / "absent.mcap")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(LogError, match="no such log file"):
+    with pytest.raises(LogError, match="is a folder, and no ROS 2 bag"):
         read_log(tmp_path / "empty")
 
 

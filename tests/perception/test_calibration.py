@@ -15,7 +15,7 @@ from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.scenario import CameraDefects
 from twin_diagram.signals.calibration_error import CalibrationError
-from twin_diagram.station.sim.camera_noise import DepthNoiseField, depth_rms
+from twin_diagram.station.sim.camera_noise import DepthNoiseField
 from twin_diagram.station.sim.camera_profiles import faults
 
 Array = npt.NDArray[np.float64]
@@ -41,7 +41,8 @@ def seen(view: Pinhole, centres: Array, field: Array, scale: float, frame: int) 
         z = (b - np.sqrt(np.maximum(root, 0.0))) / norm
         hit = (root > 0.3 * norm * RADIUS**2) & (z < depth)
         depth, number = np.where(hit, z, depth), np.where(hit, k, number)
-    rough = (depth + depth_rms(depth.astype(np.float32), OFF) * field) * scale
+    rms = OFF.depth_noise_floor + OFF.depth_noise * (depth - OFF.depth_noise_start) ** 2
+    rough = (depth + rms * field) * scale
     found = []
     for k in range(-1, len(centres)):
         row, column = np.nonzero((number == k) & (depth < 2.0))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.perception.depth_noise import DepthSigma, _second, excess, measured
+from twin_diagram.perception.depth_noise import DepthSigma, _second, excess_of, measured
 from twin_diagram.scenario import DepthNoise
+from twin_diagram.signals.arrays import Array
 from twin_diagram.station.sim.camera_noise import correlated
 
 
@@ -31,6 +32,10 @@ def test_figures_win_over_the_sheet_and_none_means_the_old_noise() -> None:
     assert DepthSigma() == DepthSigma.of(DepthNoise()) == DepthSigma(0.0, 0.0008, 0.0, 0.0, 0.0)
     with pytest.raises(ScenarioError, match=r"depth_noise\.sheet: .*d405"):
         DepthSigma.of(DepthNoise("d405"))
+
+
+def excess(residual: Array, sigma: Array) -> float:
+    return excess_of(float(np.median(np.abs(residual) / sigma)), len(residual))
 
 
 def test_residuals_say_by_how_much_a_sheet_promises_too_much() -> None:

@@ -144,7 +144,7 @@ def measured(diagram: Diagram, context: Context) -> list[PoseMeasurement]:
 def test_ports_and_state(diagram: Diagram) -> None:
     perception, poses = diagram.GetSubsystemByName("perception"), diagram.GetSubsystemByName("poses")
     names = [perception.get_input_port(k).get_name() for k in range(perception.num_input_ports())]
-    assert names == ["rgb_image", "depth_image", "image_time", "arm_state", "calibration", "gripper_state"]
+    assert names == ["rgb_image", "depth_image", "image_time", "arm_state", "calibration", "gripper_state", "hand"]
     assert poses.GetOutputPort("object_poses").size() == 2 * MEASUREMENT_SIZE
     # Memory is a vector, and the output does not hang on the input directly.
     assert not poses.HasAnyDirectFeedthrough()

@@ -17,7 +17,7 @@ from twin_diagram.perception.registration.registration import register
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.scenario.resources import models_dir
-from twin_diagram.station.sim.camera_noise import DepthNoiseField, depth_rms
+from twin_diagram.station.sim.camera_noise import DepthNoiseField
 from twin_diagram.station.sim.camera_profiles import faults
 
 
@@ -36,7 +36,8 @@ def squared_errors(models: list[ModelCloud], profile: str, sheet: str) -> list[f
         R = yawed(rng.uniform(-3.0, 3.0))
         p = np.array([rng.uniform(0.4, 0.7), rng.uniform(-0.25, 0.25), model.asset.size[2] / 2])
         rgb, depth, _ = picture(view, [Thing(model.asset, 11, R, p)])
-        depth += np.where(depth > 0, depth_rms(depth, off) * DepthNoiseField(depth.shape, off, seed).frame(0), 0)
+        rms = off.depth_noise_floor + off.depth_noise * (depth - off.depth_noise_start) ** 2
+        depth += np.where(depth > 0, rms * DepthNoiseField(depth.shape, off, seed).frame(0), 0).astype(depth.dtype)
         segments = segment(rgb, depth, 0.0, grid, scenario.Perception())
         start = exp(0.03 * rng.normal(size=(1, 3)))[0] @ R, p + 0.004 * rng.normal(size=3)
         pose = register(model, Frame.of(segments), *start, params)
