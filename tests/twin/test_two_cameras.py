@@ -11,6 +11,7 @@ from pydrake.systems.analysis import Simulator
 from tests.small_loop import same, small_scenario, watch
 from twin_diagram import load_scenario
 from twin_diagram.errors import ScenarioError, TwinError
+from twin_diagram.perception.segmentation.segmentation_system import PerceptionSystem
 from twin_diagram.scenario import Camera, Pose, Scenario, WorldCamera
 from twin_diagram.scenario.defects import CameraDefects
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
@@ -185,6 +186,17 @@ def test_a_loop_of_two_cameras_connects_each_port(egl: None) -> None:
         for image in ("rgb_image", "depth_image", "image_time"):
             assert loop.twin.diagram.HasInputPort(f"{name}.{image}")
             assert loop.station.HasOutputPort(f"{name}.{image}")
+
+
+@pytest.mark.parametrize("scenario", ["two_cameras", "pick_and_place"])
+def test_each_camera_is_told_of_the_hand(egl: None, scenario: str) -> None:
+    task = "twin.task={steps: [{kind: pick, object: can}]}"
+    loop = make_closed_loop(load_scenario(scenario, [task]))
+    context = loop.diagram.CreateDefaultContext()
+    eyes = [system for system in loop.twin.diagram.GetSystems() if isinstance(system, PerceptionSystem)]
+    assert len(eyes) == (2 if scenario == "two_cameras" else 1)
+    for eye in eyes:
+        assert eye.GetInputPort("hand").HasValue(eye.GetMyContextFromRoot(context))
 
 
 def test_things_grow_before_one_camera() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
@@ -137,8 +137,9 @@ def _tell_of_sight(
     """Connect what finds objects to whoever wants to know of them; return it."""
     for user in (updater, *([] if runner is None else [runner])):
         connect_ports(builder, last, user, "object_poses")
-    if runner is not None and isinstance(last, IcpPoseEstimator):
-        connect_ports(builder, runner, cast(System, builder.GetSubsystemByName("perception")), "hand")
+    for eye in builder.GetSystems() if runner is not None else ():
+        if isinstance(eye, PerceptionSystem):
+            connect_ports(builder, runner, eye, "hand")
     builder.ExportOutput(last.GetOutputPort("object_poses"), "object_poses")
     # What a user's own perception does not tell of, there is none of.
     for name, systems in (("further_poses", (updater,)), ("things", (updater,)), ("turned_away", (health,))):
