@@ -582,7 +582,8 @@ def test_a_replay_waits_for_its_search(corrected: Model, tmp_path: Path, monkeyp
         run_scenario(plan, out=tmp_path / f"out{k}", say=lambda text: None, quiet=True, pictures=False)
         lines = (tmp_path / f"out{k}" / EVENTS).read_text(encoding="utf-8").splitlines()
         told.append([json.loads(line) for line in lines])
-    names = [event["event"] for event in told[0] if event["event"] != "alarm"]
+    # The recorded push makes the plan start anew, at which the stop monitor may brake for a moment.
+    names = [event["event"] for event in told[0] if event["event"] not in ("alarm", "brake", "resume")]
     assert names[:3] == ["gap_started", "gap_verdict", "model_swapped"]
     changing = ("seconds", "folder")
     first, second = ([{k: v for k, v in each.items() if k not in changing} for each in one] for one in told)
