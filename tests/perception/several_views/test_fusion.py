@@ -141,6 +141,26 @@ def test_what_is_farther_apart_than_claimed_is_claimed_less() -> None:
     assert np.trace(far.rest) > 5.0 * np.trace(near.rest)
 
 
+def test_cameras_told_to_be_exact_that_lie_apart_claim_less_too() -> None:
+    """Two poses 20 mm apart, each told to a millimetre: their mean is 10 mm off one of them."""
+    fused = fuse([seen(noise=1e-3), seen([0, 0, 0, 0.02, 0, 0], noise=1e-3)])
+    assert fused.rest is not None
+    np.testing.assert_allclose(fused.measured.covariance, 0.5e-6 * np.eye(6))  # images alone are no noisier
+    wide = 0.02**2 / (2.0 * 1e-6) / 22.458  # χ² of 6 stays below that with a probability of 0.999
+    np.testing.assert_allclose(fused.measured.covariance + fused.rest, wide * 0.5e-6 * np.eye(6), rtol=1e-4)
+
+
+@pytest.mark.parametrize("cameras", [2, 3, 6])
+def test_honest_cameras_are_hardly_ever_farther_apart_than_claimed_however_many(cameras: int) -> None:
+    rng, grown = np.random.default_rng(11), 0
+    for _ in range(500):
+        steps = np.hypot(1e-3, 1e-3) * rng.standard_normal((cameras, 6))
+        fused = fuse([seen(step, noise=1e-3, rest=1e-3) for step in steps])
+        assert fused.rest is not None
+        grown += bool(fused.rest[3, 3] > 1.001e-6 / cameras)
+    assert grown <= 4  # of 500, each with a probability of 0.001: more than four in one of 6,000
+
+
 def test_pictures_in_turn_are_not_counted_twice() -> None:
     together = fuse([seen(), seen()])
     in_turn = fuse([seen(), seen(time=0.97)])

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.perception.several_views.view_memory import TUNING as VIEWS
-from twin_diagram.signals import rotations
+from twin_diagram.signals import chi_square, rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import PoseMeasurement
 
@@ -36,9 +36,9 @@ class Tuning:
     radius: float = 0.1
     """That radius [m]."""
 
-    gate: float = 22.5
-    """Two poses whose difference is longer, squared and in deviations (χ² of 6, probability 0.999), are farther apart
-    than is claimed: the claim grows by as much."""
+    gate: float = 0.999
+    """Poses whose differences from their mean are longer, squared and in deviations, than χ² of 6 for each camera but
+    one is with this probability are farther apart than is claimed: the claim grows by as much."""
 
 
 TUNING = Tuning()
@@ -127,10 +127,11 @@ def _weighted(
     shares = np.linalg.inv(information.sum(axis=0)) @ information
     mean = np.einsum("vij,vj->i", shares, offsets)
     apart = offsets - mean
-    excess = float(np.einsum("vi,vij,vj->", apart, information, apart)) / TUNING.gate
-    wide = max(1.0, excess)
+    limit = float(chi_square.quantile(TUNING.gate, 6 * (len(found) - 1)))
+    wide = max(1.0, float(np.einsum("vi,vij,vj->", apart, information, apart)) / limit)
     covariance = np.einsum("vij,vjk,vlk->il", shares, noise, shares)
-    rest = wide * np.einsum("vij,vjk,vlk->il", shares, rests, shares)
+    # What they are too far apart by stays from image to image, also where calibrations are told to be exact.
+    rest = wide * np.einsum("vij,vjk,vlk->il", shares, rests, shares) + (wide - 1.0) * covariance
     q = rotations.normalized(rotations.multiply(rotations.exp(mean[:3]), reference[:4]))
     pose = np.concatenate([q, reference[4:] + mean[3:]])
     quality = max(seen[v].measured.quality for v in found)
