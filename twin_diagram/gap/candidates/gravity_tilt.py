@@ -23,13 +23,14 @@ def on_arm(terms: Terms) -> list[Candidate]:
 
 
 def tilt(terms: Terms, about: Array | None = None) -> Candidate:
-    """Return a base rolled about x, pitched about y: gravity turns the other way; to first order about half `about`."""
-    model = terms.records.model
-    tree = model.tree
-    roll, pitch = np.zeros(2) if about is None else 0.5 * about
-    g = RollPitchYaw(roll, pitch, 0.0).ToRotationMatrix().matrix().T @ tree.gravity
-    # d/dε of Rᵀ g for a rotation about an axis e by ε is g × e.
-    turns = [np.cross(g, axis) for axis in np.eye(3)[:2]]
+    """Return a base rolled about x, pitched about y: gravity turns the other way; to first order from level on.
+
+    Where `about` (2,) is told, by the mean of what gravity changes by on the straight way there: exact in its place.
+    """
+    tree = terms.records.model.tree
+    way = np.zeros(2) if about is None else about
+    start, middle, end = (slopes(*(share * way), tree.gravity) for share in (0.0, 0.5, 1.0))
+    turns = (start + 4.0 * middle + end) / 6.0  # Simpson's rule
 
     def law(record: Record) -> Array:
         q, zero = terms.records.angles(record), np.zeros_like(record.q)
@@ -49,8 +50,16 @@ def tilt(terms: Terms, about: Array | None = None) -> Candidate:
     )
 
 
+def slopes(roll: float, pitch: float, gravity: Array) -> Array:
+    """Return (2, 3) derivatives of gravity in a base that is rolled and pitched [rad] by both angles."""
+    g = RollPitchYaw(roll, pitch, 0.0).ToRotationMatrix().matrix().T @ gravity
+    # d/dε of Rᵀ g for a rotation about an axis e of the base by ε is g × e; a roll turns the axis of pitch.
+    axes = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(roll), -np.sin(roll)]])
+    return np.cross(g, axes)
+
+
 def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candidate | None:
-    """Return it about half of a tilt."""
+    """Return it on the way to a tilt."""
     del candidate
     return tilt(terms, coefficients)
 
