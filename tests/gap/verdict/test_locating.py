@@ -68,6 +68,19 @@ def test_the_condition_is_what_makes_the_residual(key: str, law: Any) -> None:
     assert place.share == 1.0 and place.log == 0
 
 
+@pytest.mark.parametrize("later", [0.0, 12.0, 86400.0])
+def test_what_starts_in_one_log_and_stays_in_the_next_is_from_an_onset_on_whatever_their_clocks(later: float) -> None:
+    """Two clocks that both began at 0 had it everywhere, and of one a day later it came with speed."""
+    rng, runs = np.random.default_rng(0), []
+    for k in range(2):
+        one = replace(base()[0], index=k, time=base()[0].time + later * k)
+        extra = on(ELBOW, lambda r, k=k: 1.0 * ((r.time > 6.0) | (k == 1)))(one)
+        runs.append(replace(one, torque=one.given + extra + NOISE * rng.normal(size=one.q.shape)))
+    terms = terms_of(Records(ARM, tuple(runs)))
+    (place,) = locate(terms.records, terms, Whitener(np.ones((6, 1)), np.full(6, 0.03), terms.records.lengths))
+    assert place.condition == CONDITIONS["onset"]
+
+
 def test_shares_are_of_the_energy_above_the_noise() -> None:
     terms, noise = made(lambda r: on(PAN, lambda r: 1.0 * r.v[:, PAN])(r) + on(LIFT, lambda r: 0.5 * r.v[:, LIFT])(r))
     places = locate(terms.records, terms, noise)
