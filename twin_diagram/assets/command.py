@@ -25,8 +25,8 @@ def add_asset_commands(commands: Any) -> None:
         "source",
         type=Path,
         metavar="SOURCE",
-        help="a folder of posed RGB-D frames (BOP), VGGT's predictions (.npz), or a mesh: .obj, .stl, .ply "
-        "(z upwards), .glb or .gltf (y upwards), .dae (as it says)",
+        help="a folder of posed RGB-D frames (BOP's layout, or Nerfstudio's transforms.json with depth), VGGT's "
+        "predictions (.npz), or a mesh: .obj, .stl, .ply (z upwards), .glb or .gltf (y upwards), .dae (as it says)",
     )
     build.add_argument("--name", required=True, help="of the asset: letters, digits, '_', '-'")
     build.add_argument("--mass", type=float, help="[kg]")

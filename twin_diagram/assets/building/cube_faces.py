@@ -190,7 +190,7 @@ def _placed(green: Sequence[tuple[Array, Array]], cube: Cube, window: float) -> 
             if axis < 2:
                 along = q[chosen, 1 - axis] - q[chosen, 1 - axis].mean()
                 weight = float((along**2).sum())
-                # A turn about the axis moves +x faces by +ω y, and +y faces by −ω x, in their own direction out.
+                # A turn ω about the axis moves +x faces by −ω y, and +y faces by +ω x, in their own direction out.
                 turn = float((along * out[chosen]).sum()) / max(weight, 1e-12) * side * (-1.0 if axis == 0 else 1.0)
             found.append(_Place(k, axis, side, middle, variance, turn, weight))
     return found
