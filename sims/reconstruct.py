@@ -1,7 +1,7 @@
 """Builds an asset from pictures and shows how it came about on one page: views, cloud, mesh, pieces, truth.
 
-    python sims/reconstruct.py                                    # a mug that is pictured here, twelve views
-    python sims/reconstruct.py scans/mug --name mug # a BOP folder of posed RGB-D frames [--masks D] [--truth ASSET]
+    python sims/reconstruct.py                      # a mug that is pictured here, twelve views
+    python sims/reconstruct.py scans/mug --name mug # posed RGB-D frames (BOP, Nerfstudio) [--masks D] [--truth ASSET]
 
 The asset is built as `twin-diagram assets build` builds it. `OUT/page.html` is one file and needs no network.
 """
@@ -17,8 +17,8 @@ from asset_pictures.built_asset import asset_parts, cloud_part, views_part
 from asset_pictures.page import write_page
 
 from twin_diagram import TwinError
-from twin_diagram.assets.building import build_from_frames
-from twin_diagram.logs.frames import FrameFolder
+from twin_diagram.assets import Asset
+from twin_diagram.assets.building import build_from_frames, posed_frames
 from twin_diagram.scenario import models_dir
 
 
@@ -36,12 +36,12 @@ def reconstruct(arguments: argparse.Namespace) -> Path:
     source, truth, out = arguments.source, arguments.truth, arguments.out
     if source is None:
         source, truth = pictured(out / "frames", arguments.views)
-    begin, said = time.process_time(), []
-    built = build_from_frames(
-        source, arguments.name, out / "library", masks=arguments.masks, replace_it=True, say=print
-    )
+    elif truth is not None:
+        Asset.load(truth)  # what is wrong with it is said before the asset is built
+    begin, said, library = time.process_time(), [], out / "library"
+    built = build_from_frames(source, arguments.name, library, masks=arguments.masks, replace_it=True, say=print)
     said.append(f"{time.process_time() - begin:.1f} s of processor time. " + "; ".join(built.notes) + ".")
-    frames = FrameFolder(source, arguments.masks)
+    frames = posed_frames(source, arguments.masks)
     parts = [views_part(frames), cloud_part(frames, str(source)), *asset_parts(built.folder, truth, said)]
     return write_page(out / "page.html", f"{arguments.name}, from {len(frames)} views", parts)
 

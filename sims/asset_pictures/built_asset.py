@@ -15,12 +15,13 @@ from twin_diagram.assets.building.reconstruct import object_points
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import bilinear, read_obj, read_png
 from twin_diagram.logs.frames import FrameFolder
+from twin_diagram.logs.frames.transforms_folder import TransformsFolder
 from twin_diagram.signals.arrays import Array
 
 Part = tuple[str, Sequence[str], Row]
 
 
-def views_part(frames: FrameFolder, most: int = 12) -> Part:
+def views_part(frames: FrameFolder | TransformsFolder, most: int = 12) -> Part:
     """Return some of the pictures with their masks."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, most).round().astype(int))
     read = [frames.read(int(k)) for k in chosen]
@@ -29,7 +30,7 @@ def views_part(frames: FrameFolder, most: int = 12) -> Part:
     return f"{len(frames)} views", [f"{len(row)} of them; {said}."], row
 
 
-def cloud_part(frames: FrameFolder, where: str) -> Part:
+def cloud_part(frames: FrameFolder | TransformsFolder, where: str) -> Part:
     """Return the scene's cloud, and what is left of it as the object's."""
     views = [thinned(frames.read(k), 2) for k in range(len(frames))]
     kept, plane = object_points(views, where, 0)

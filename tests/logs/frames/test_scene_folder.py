@@ -97,6 +97,28 @@ def test_times_and_a_depth_camera_of_its_own(folder: Path) -> None:
     np.testing.assert_allclose(frame.colour.R_WC.T @ (frame.camera.p_WC - frame.colour.p_WC), [0.015, 0, 0], atol=1e-9)
 
 
+def test_grey_pictures_are_read_in_the_place_of_colours(folder: Path) -> None:
+    colours = FrameFolder(folder).read(1).rgb
+    (folder / "gray").mkdir()
+    for path in (folder / "rgb").iterdir():
+        cv2.imwrite(str(folder / "gray" / path.name), cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+    assert FrameFolder(folder).coloured
+    np.testing.assert_array_equal(FrameFolder(folder).read(1).rgb, colours)
+    shutil.rmtree(folder / "rgb")
+    frames = FrameFolder(folder)
+    assert not frames.coloured
+    np.testing.assert_array_equal(
+        frames.read(1).rgb, np.dstack([cv2.imread(str(folder / "gray" / "000001.png"), cv2.IMREAD_GRAYSCALE)] * 3)
+    )
+
+
+def test_a_depth_camera_may_tell_its_own_scale(folder: Path, taken: Shots) -> None:
+    own = {"cam_K": [300, 0, 99.5, 0, 300, 79.5, 0, 0, 1], "depth_scale": 0.1}
+    (folder / "camera_extra.json").write_text(json.dumps({"depth_camera": own}))
+    edit(folder, lambda entries: [one.pop("depth_scale") for one in entries.values()])
+    np.testing.assert_allclose(FrameFolder(folder).read(1).depth, taken.frames[1].depth, atol=6e-5)
+
+
 def test_distortion_is_taken_out(folder: Path, taken: Shots) -> None:
     (folder / "camera_extra.json").write_text(json.dumps({"distortion": [0.3, 0, 0, 0, 0]}))
     frame, c = FrameFolder(folder).read(0), taken.frames[0].camera
@@ -201,6 +223,15 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "few times": (lambda f: (f / "times.json").write_text("[0, 2]"), "a time .* for each of the 3 frames"),
     "distortion": (lambda f: (f / "camera_extra.json").write_text('{"distortion": [1, 2]}'), "0 or 4 or 5 finite"),
     "inverse depth camera": (lambda f: depth_camera(f, K="1, 0, 0, 0, 1, 0, 0, 0, 1", R_DC=[1]), "R_DC is not read"),
+    "a lens of another kind": (
+        lambda f: (f / "camera_extra.json").write_text('{"distortion": [0.1, 0, 0, 0], "model": "fisheye"}'),
+        "camera_extra.json: model is not read; what is: distortion, depth_camera, calibration_std",
+    ),
+    "a slip of writing": (
+        lambda f: (f / "camera_extra.json").write_text('{"distorsion": [0.1, 0, 0, 0]}'),
+        "distorsion is not read",
+    ),
+    "size of depth": (lambda f: depth_camera(f, K="9, 0, 0, 0, 9, 0, 0, 0, 1", depth_scale=[0]), "depth_scale is 0"),
     "skew depth camera": (lambda f: depth_camera(f, K="9, 1, 0, 0, 9, 0, 0, 0, 1"), "depth_camera: cam_K must be"),
     "no calibration": (lambda f: extra(f, "3"), "calibration_std must hold position, .*, not 3"),
     "another calibration": (lambda f: extra(f, '{"shift": 1}'), "calibration_std must hold position"),

@@ -132,6 +132,19 @@ def test_a_pushed_box_is_followed_in_w(tracked: Path) -> None:
         assert one["hypotheses"][0]["p_WO"] == one["p_WO"]
 
 
+def test_the_axis_of_a_round_thing_is_free_whichever_it_is(tmp_path: Path) -> None:
+    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0])
+    rod = trimesh.creation.cylinder(0.03, 0.14, sections=64)
+    rod.apply_transform(turn)
+    rod.export(tmp_path / "rod.stl")
+    build_from_mesh(tmp_path / "rod.stl", "rod", tmp_path / "library", 0.4, None, "m", False)
+    lying = rod.copy()
+    lying.apply_translation([0.0, 0.0, 0.03])
+    taken = shots([lying, body((0.05, 0.06, 0.07), 0.02, -0.13, 0.2)], [larger(cameras(3, 0.03, 35.0, 50.0, 0.7)[1])])
+    assert track(tmp_path / "library", folder_of(taken, tmp_path / "scene"), tmp_path / "out") == 0
+    assert of(lines(tmp_path / "out")[0], "rod")["free"] == [[1.0, 0.0, 0.0]]
+
+
 def test_a_mesh_without_colours_is_found_by_its_shape(scene: Path, tmp_path: Path) -> None:
     """An STL tells no colours, and those that pictures show of it veto nothing; another box stays unknown."""
     for name, size in (("brick", SIZE), ("other", (0.1, 0.1, 0.03))):
@@ -296,6 +309,19 @@ def test_frames_without_times_are_told_to_be_a_second_apart(
         assert track(library, frames, tmp_path / "out") == 0
         assert ("1 s apart" in capsys.readouterr().err) == (not times)
         (frames / "times.json").unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize(("grey", "said"), [(True, "no rgb/, gray/ is read"), (False, "no rgb/, nor gray/")])
+def test_pictures_without_colours_are_told(
+    grey: bool, said: str, library: Path, taken: Shots, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = folder_of(Shots(taken.frames[:1]), tmp_path / "frames")
+    if grey:
+        (frames / "rgb").rename(frames / "gray")
+    else:
+        shutil.rmtree(frames / "rgb")
+    assert track(library, frames, tmp_path / "out") == 0
+    assert said in capsys.readouterr().err
 
 
 def test_without_a_table_all_that_is_seen_stands(library: Path, taken: Shots, tmp_path: Path) -> None:

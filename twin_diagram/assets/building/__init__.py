@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from twin_diagram.runtime import faces
 
 if TYPE_CHECKING:
-    from twin_diagram.assets.building.from_frames import build_from_frames, build_from_predictions
+    from twin_diagram.assets.building.from_frames import build_from_frames, build_from_predictions, posed_frames
     from twin_diagram.assets.building.from_mesh import build_from_mesh
     from twin_diagram.assets.building.growth import Growth, PartialThing, in_thing
 
@@ -18,6 +18,7 @@ __all__ = [
     "build_from_mesh",
     "build_from_predictions",
     "in_thing",
+    "posed_frames",
 ]
 
 __getattr__, __dir__ = faces.lazy_face(__name__)

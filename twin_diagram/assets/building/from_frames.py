@@ -57,15 +57,24 @@ def build_from_frames(
     """
     check_told(mass, density, "m")
     place_for(name, library, replace_it)
+    frames = posed_frames(folder, masks)
+    return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(folder), say)
+
+
+def posed_frames(folder: str | Path, masks: str | Path | None = None) -> FrameFolder | TransformsFolder:
+    """Return a folder's frames: of Nerfstudio where it holds `transforms.json` and no masks are told, else of BOP.
+
+    Raises:
+        FramesError: frames that cannot be used, or that do not say where their cameras were.
+    """
     if masks is None and (Path(folder) / TRANSFORMS).is_file():
-        told = AssetPlace(name, library, mass, density, replace_it)
-        return asset_of_frames(TransformsFolder(folder), told, str(folder), say)
+        return TransformsFolder(folder)
     frames = FrameFolder(folder, masks)
     if not frames.posed:
         raise FramesError(
             f"{Path(folder) / 'scene_camera.json'}: no cam_R_w2c and cam_t_w2c: building needs posed views"
         )
-    return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(folder), say)
+    return frames
 
 
 @one_thread()

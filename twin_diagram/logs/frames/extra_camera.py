@@ -1,9 +1,10 @@
 """What `camera_extra.json` adds to a BOP scene: distortion, a depth camera of its own, how well it is calibrated.
 
 `{"distortion": [k1, k2, p1, p2, k3], "depth_camera": {"cam_K": [9 numbers], "distortion": […], "R_CD": [9 numbers],
-"t_CD": [3 numbers, mm]}, "calibration_std": {"position": mm, "rotation": rad, "focal": share, "centre": px,
-"depth_scale": share}}`, all optional; distortion as OpenCV has it, D the depth camera's optical frame, C that of the
-colour camera.
+"t_CD": [3 numbers, mm], "depth_scale": mm}, "calibration_std": {"position": mm, "rotation": rad, "focal": share,
+"centre": px, "depth_scale": share}}`, all optional; distortion as OpenCV has it, D the depth camera's optical frame, C
+that of the colour camera. The depth camera's own `depth_scale` goes before that of `scene_camera.json`. Another name is
+refused: a lens of another kind, or a slip of writing, would else be passed over.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from twin_diagram.signals.lens import Lens, depth_between, folds, straightening
 class ExtraCamera:
     """Distortion of both cameras, (5,) or empty, and the depth camera's (fx, fy, cx, cy).
 
-    R_CD and p_CD [m] where it is apart. `calibration`: how well all that is known; None where it is not told. `file`:
-    that says so.
+    R_CD and p_CD [m] where it is apart. `depth_scale`: its own [mm], or None. `calibration`: how well all that is
+    known; None where it is not told. `file`: that says so.
     """
 
     distortion: Array
@@ -38,6 +39,7 @@ class ExtraCamera:
     depth_K: tuple[float, float, float, float] = (1.0, 1.0, 0.0, 0.0)
     R_CD: Array | None = None
     p_CD: Array | None = None
+    depth_scale: float | None = None
     calibration: CalibrationError | None = None
     file: Path = Path("camera_extra.json")
 
@@ -92,12 +94,12 @@ def read_extra(folder: Path) -> ExtraCamera:
     own = raw.get("depth_camera") if isinstance(raw, dict) else None
     if not isinstance(raw, dict) or not (own is None or isinstance(own, dict)):
         raise FramesError(f"{path}: must hold an object with distortion and depth_camera")
+    _refuse_others(raw, _KEYS, str(path))
     distortion = _list(raw, "distortion", (0, 4, 5), path)
     calibration = _calibration(raw, path)
     if own is None:
         return ExtraCamera(distortion, distortion, calibration=calibration, file=path)
-    if other := [key for key in own if key.startswith(("R_", "t_")) and key not in ("R_CD", "t_CD")]:
-        raise FramesError(f"{path}: depth_camera: {other[0]} is not read; R_CD and t_CD tell where it stands")
+    _refuse_others(own, _DEPTH_KEYS, f"{path}: depth_camera")
     K = _list(own, "cam_K", (9,), path).reshape(3, 3)
     if not np.allclose(K[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]], [0, 0, 0, 0, 1], atol=1e-6):
         raise FramesError(f"{path}: depth_camera: cam_K must be [fx 0 cx 0 fy cy 0 0 1], not {K.ravel().tolist()}")
@@ -106,7 +108,26 @@ def read_extra(folder: Path) -> ExtraCamera:
         raise FramesError(f"{path}: depth_camera: R_CD must be a rotation and cam_K have positive focal lengths")
     p = _list(own, "t_CD", (3,), path) / 1000.0 if "t_CD" in own else np.zeros(3)
     intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
-    return ExtraCamera(distortion, _list(own, "distortion", (0, 4, 5), path), True, intrinsics, R, p, calibration, path)
+    scale = float(_list(own, "depth_scale", (1,), path)[0]) if "depth_scale" in own else None
+    if scale is not None and scale <= 0:
+        raise FramesError(f"{path}: depth_camera: depth_scale is {scale:g}, must be positive [mm]")
+    bent = _list(own, "distortion", (0, 4, 5), path)
+    return ExtraCamera(distortion, bent, True, intrinsics, R, p, scale, calibration, path)
+
+
+_KEYS = ("distortion", "depth_camera", "calibration_std")
+_DEPTH_KEYS = ("cam_K", "distortion", "R_CD", "t_CD", "depth_scale")
+"""What is read of the file, and of the depth camera in it."""
+
+
+def _refuse_others(told: dict[str, Any], known: tuple[str, ...], where: str) -> None:
+    """Refuse what is not read: it would count as done.
+
+    Raises:
+        FramesError: names it.
+    """
+    if other := [key for key in told if key not in known]:
+        raise FramesError(f"{where}: {other[0]} is not read; what is: {', '.join(known)}")
 
 
 _STD = ("position", "rotation", "focal", "centre", "depth_scale")

@@ -1,4 +1,4 @@
-"""Reads BOP scene folders: `rgb/`, `depth/`, `scene_camera.json` and, where there are some, masks and times.
+"""Reads BOP scene folders: `rgb/` or `gray/`, `depth/`, `scene_camera.json`; masks and times where there are some.
 
 The format is that of the BOP benchmark (https://github.com/thodan/bop_toolkit, docs/bop_datasets_format.md): `cam_K` by
 rows [pixel], `depth_scale` (times a 16-bit pixel: mm), `cam_R_w2c` by rows and `cam_t_w2c` [mm]. Beside it stand
@@ -45,7 +45,7 @@ class RgbdFrame:
     Attributes:
         number: as in the file names.
         time: [s]; the frame's place in the folder where there is no `times.json`.
-        rgb: (h, w, 3), without distortion, or None where there is no `rgb/`.
+        rgb: (h, w, 3), without distortion; of `gray/`, where there is no `rgb/`, three times the same; or None.
         depth: (h', w') along the optical axis [m]; 0 where there is none.
         mask: (h, w) where the object shows, or None.
         colour: the camera of `rgb` and `mask`.
@@ -75,6 +75,7 @@ class FrameFolder:
         numbers: of the frames, ascending.
         times: of the frames, rising [s].
         timed: whether times are told.
+        coloured: whether there is an `rgb/`.
         posed: whether the frames say where their cameras were; else W is the first camera's frame, and the camera
             stands.
         calibration: RMS errors of what is told of the cameras; None where that is not told.
@@ -94,7 +95,9 @@ class FrameFolder:
         self.numbers = sorted(self._cameras)
         self._depth = self._files(below(self.folder, "depth"))
         rgb, own = below(self.folder, "rgb"), below(self.folder, "mask_visib")
-        self._rgb = self._files(rgb) if rgb.is_dir() else {}
+        self.coloured = rgb.is_dir()
+        pictures = rgb if self.coloured else below(self.folder, "gray")
+        self._rgb = self._files(pictures) if pictures.is_dir() else {}
         chosen = Path(masks) if masks is not None else own if masked and own.is_dir() else None
         self._masks = {} if chosen is None else self._files(chosen, of_objects=True)
         self.has_masks = chosen is not None
@@ -105,9 +108,10 @@ class FrameFolder:
         self.posed = bool(posed)
         self._poses = {number: self._pose(number) for number in self.numbers}
         self._intrinsics = {number: self._matrix(number) for number in self.numbers}
-        self._scales = {number: self._scale(number) for number in self.numbers}
         self.times = self._read_times()
         self._extra = read_extra(self.folder)
+        own = self._extra.depth_scale
+        self._scales = {number: self._scale(number) if own is None else own for number in self.numbers}
         self.calibration = self._extra.calibration
         self._sizes: dict[str, tuple[int, ...]] = {}
 

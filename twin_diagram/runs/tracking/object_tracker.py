@@ -83,7 +83,7 @@ class TrackedObject:
         found: in this very frame.
         named: probability of its name: even where a plain body would show the same.
         by_shape: shape alone tells it.
-        symmetric: no turn about O's z axis is told.
+        free: numbers of the axes of O about which no turn is told.
     """
 
     track: int
@@ -99,7 +99,7 @@ class TrackedObject:
     found: bool
     named: float = 0.0
     by_shape: bool = False
-    symmetric: bool = False
+    free: tuple[int, ...] = ()
 
 
 class ObjectTracker:
@@ -301,7 +301,8 @@ class ObjectTracker:
             visible = whole if found is not None else whole * shape
             only = shown.hypotheses or (PoseHypothesis(R, p, shown.spread, 1.0),)
             name = self.names[one.asset]
-            how = (found is not None, named, slot.by_shape, bool(axes[k, 2]))
+            free = tuple(sorted({axis for axis, count in self._symmetries(one) if not count}))
+            how = (found is not None, named, slot.by_shape, free)
             result.append(TrackedObject(one.track, name, life, sure, visible, R, p, shown.spread, only, (), *how))
         return result
 

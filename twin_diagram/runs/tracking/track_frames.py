@@ -159,6 +159,9 @@ def _begun(
     """Return what the first frame that has depth tells: the table, depth's noise, and how far off the camera may be."""
     if not folder.timed and len(folder) > 1:
         say("note: no times.json: frames count as 1 s apart; its times [s] tell how fast things move")
+    if not folder.coloured:
+        left = "gray/ is read: shades alone tell" if frame.rgb is not None else "nor gray/: shape alone tells"
+        say(f"note: no rgb/, {left} things apart")
     if frame.number != folder.numbers[0]:
         say(f"note: tracking begins at frame {frame.number}: there is no depth before it")
     noise, base = measured(frame.depth), table_frame(depth, camera)
@@ -345,7 +348,7 @@ def _line(
                 "visible": one.visible,
                 **pose,
                 "covariance": (turn @ one.covariance @ turn.T + shared).tolist(),
-                "free": [[0.0, 0.0, 1.0]] if one.symmetric else [],
+                "free": np.eye(3)[list(one.free)].tolist(),
                 "named": one.named,
                 "by_shape": one.by_shape,
                 "hypotheses": [_hypothesis(other, base, one.probability) for other in one.hypotheses],
