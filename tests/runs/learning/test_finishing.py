@@ -14,7 +14,7 @@ from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.assets.mesh import read_obj
 from twin_diagram.planning.grasps.known_object import read_known
 from twin_diagram.runs.learning.finishing import figures_of, write_learned
-from twin_diagram.runs.learning.handling import ShownObject
+from twin_diagram.runs.learning.shown_object import ShownObject
 
 MIDDLE = np.array([0.02, -0.03, 0.15])
 """Of the box in S, the frame of its pictures [m]."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -11,6 +13,7 @@ from tests.runs.learning.test_seen_map import NORMALS as EVERY_NORMAL
 from tests.runs.learning.test_seen_map import POINTS as EVERY_POINT
 from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.planning.grasps import WSG50, Grasps
+from twin_diagram.planning.grasps.cost import TUNING as COST
 from twin_diagram.runs.learning.coverage import LATER, asks_for_more, order_of, tilts_of
 from twin_diagram.runs.learning.display import tool_at
 from twin_diagram.runs.learning.grasp_selection import (
@@ -43,7 +46,7 @@ def downward(closing: list[float], leaning: float = 0.0) -> Array:
 def grasps(rows: list[tuple[Array, list[float]]], score: list[float], width: float = 0.06) -> Grasps:
     poses = np.array([[*Rotation.from_matrix(R).as_quat()[[3, 0, 1, 2]], *p] for R, p in rows])
     n = len(rows)
-    return Grasps(poses, np.full(n, width), np.array(score), {}, np.zeros((n, 2, 3)), {})
+    return Grasps(poses, np.full(n, width), np.array(score), {"torque": np.zeros(n)}, np.zeros((n, 2, 3)), {})
 
 
 def cameras() -> Array:
@@ -163,6 +166,21 @@ def test_the_scenario_says_which_method() -> None:
     for method, first in (("pca", 0), ("pair", 1)):
         learning = Learning(grasp_selection=method)
         assert order_of(found, np.eye(4), held, seen, WSG50, learning, CAMERA)[0] == first
+
+
+def test_grasps_in_which_the_weight_turns_an_object_go_last_whatever_they_show() -> None:
+    seen = convex(POINTS, NORMALS, np.where(np.abs(NORMALS[:, 1]) > 0.5, 0, 5))
+    along_y, along_x = (downward(axis) for axis in ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]))
+    found = grasps([(along_x, [0.0, 0.0, 0.0]), (along_y, [0.0, 0.0, 0.0])], [0.0, 0.0], 0.09)
+    held = [pose(along_y, np.zeros(3))]
+
+    def order(*turning: float, firm: bool = False) -> list[int]:
+        told = replace(found, terms={"torque": COST.torque * np.array(turning)})
+        return order_of(told, np.eye(4), held, seen, WSG50, Learning(), CAMERA, firm=firm)
+
+    assert order(0.0, 0.0) == order(0.4, 0.1) == [0, 1], "the first one shows what is missing"
+    assert order(0.8, 0.1) == [1, 0]
+    assert order(0.4, 0.1, firm=True) == [1, 0] and order(0.14, 0.11, firm=True) == [0, 1]
 
 
 def test_a_further_grasp_is_asked_for_where_the_last_one_helped_and_some_is_missing() -> None:

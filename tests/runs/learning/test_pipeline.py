@@ -20,7 +20,6 @@ from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.finishing import finish
 from twin_diagram.runs.learning.following import Followed
-from twin_diagram.runs.learning.handling import Picked, ShownObject
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.pipeline import Learner
@@ -28,6 +27,7 @@ from twin_diagram.runs.learning.record import SWUNG, Learned, LearningError, Lea
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done
 from twin_diagram.runs.learning.shape_worker import SHAPE
+from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
 
@@ -289,7 +289,8 @@ def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(
     run, held = learner(Bin([]), tmp_path / "run", monkeypatch), ShownObject(X_ST=[np.eye(4)])
     grasps: list[int] = []
 
-    def show_again(tools: Any, what: ShownObject) -> bool:
+    def show_again(tools: Any, what: ShownObject, firm: bool) -> bool:
+        assert firm, "whatever it shows, the further grasp is to hold the weight"
         what.X_ST.append(np.eye(4))
         return True
 

@@ -12,9 +12,11 @@ from scipy.spatial.transform import Rotation
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import regrasping
 from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.picking import Taken
-from twin_diagram.runs.learning.regrasping import fallen_pose, take_again
+from twin_diagram.runs.learning.regrasping import fallen_pose, other_grasps, take_again
+from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.scenario import Learning
 
 AT = np.array([0.52, 0.0, 0.06])
@@ -34,7 +36,7 @@ def box_seen() -> SeenThing:
 
 def test_the_picture_alone_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -> None:
     thing, asked = box_seen(), []
-    seen = Followed(points=thing.points - AT, normals=thing.normals)
+    shown = ShownObject(Followed(points=thing.points - AT, normals=thing.normals))
 
     def reach_of(mover: Any, cell: Any, grasps: Any, order: list[int]) -> Any:
         asked.append(len(order))
@@ -48,24 +50,44 @@ def test_the_picture_alone_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -
     X_WS = np.eye(4)
     X_WS[:3, 3] = AT
     learning = Learning(platform=[[0.42, -0.1, 0.0], [0.62, 0.1, 0.06]])
-    found = take_again(NOBODY, NOBODY, learning, gripper_of("wsg50"), seen, X_WS, lambda grasps, X: [])
+    found = take_again(NOBODY, NOBODY, learning, gripper_of("wsg50"), shown, X_WS, lambda grasps, X: [])
     assert asked[:3] == [0, 0, 0] and min(asked[3:]) > 0 and len(asked) == 5
     assert found is not None
     np.testing.assert_allclose(found[1], np.linalg.inv(X_WS), atol=2e-3)
 
 
-def test_what_tipped_over_is_found_on_its_new_side() -> None:
-    """A block of 4 x 6 x 10 cm, on its largest side now, turned by 70° and 3 cm aside."""
-    rng = np.random.default_rng(4)
-    size = np.array([0.04, 0.06, 0.10])
-    points, normals = [], []
+def block(size: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Points and normals (N, 3) all over a block about its middle."""
+    rng, points, normals = np.random.default_rng(4), [], []
     for axis in range(3):
         for sign in (-1.0, 1.0):
             face = rng.uniform(-0.5, 0.5, (700, 3)) * size
             face[:, axis] = 0.5 * sign * size[axis]
             points.append(face)
             normals.append(np.tile(sign * np.eye(3)[axis], (700, 1)))
-    cloud, outward = np.concatenate(points), np.concatenate(normals)
+    return np.concatenate(points), np.concatenate(normals)
+
+
+def test_what_is_loaded_to_one_side_is_taken_there() -> None:
+    """A block of 18 x 4 x 6 cm, whose weight is felt to pull 5 cm beside its middle."""
+    cloud, outward = block((0.18, 0.04, 0.06))
+    shown = ShownObject(Followed(points=cloud, normals=outward), mass_at_rest=1.4)
+    X_WS = np.eye(4)
+    X_WS[:3, :3] = Rotation.from_euler("z", 60, degrees=True).as_matrix()
+    X_WS[:3, 3] = AT + [0.0, 0.0, 0.03]
+    gripper, along = gripper_of("wsg50"), X_WS[:3, 0]
+    for felt, where in ((None, 0.0), (Centre(np.array([0.05, 0.0, 0.0]), 1e-6 * np.eye(3)), 0.05)):
+        shown.centre = felt
+        grasps = other_grasps(shown, X_WS, gripper, AT[2], 0)
+        best = (grasps.poses[:3, 4:] - X_WS[:3, 3]) @ along
+        assert abs(best.mean() - where) < 0.015
+
+
+def test_what_tipped_over_is_found_on_its_new_side() -> None:
+    """A block of 4 x 6 x 10 cm, on its largest side now, turned by 70° and 3 cm aside."""
+    rng = np.random.default_rng(4)
+    size = np.array([0.04, 0.06, 0.10])
+    cloud, outward = block((0.04, 0.06, 0.10))
     seen = Followed(points=cloud, normals=outward)
     thought, true = np.eye(4), np.eye(4)
     thought[:3, 3] = AT + [0.0, 0.0, 0.05]

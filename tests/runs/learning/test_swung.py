@@ -21,6 +21,8 @@ from twin_diagram.logs.measured_log import Log
 from twin_diagram.model import Model
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.cell import Recording
+from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.weighing import (
     Slipping,
     Swung,
@@ -174,7 +176,7 @@ def test_what_cannot_be_swung_was_weighed_at_rest(
     tools: Any = SimpleNamespace(
         learning=learning, mover=mover, cell=SimpleNamespace(opening=opening), model=None, driven=None
     )
-    shown = handling.ShownObject(X_ST=[np.eye(4)])
+    shown = ShownObject(Followed(points=np.zeros((1, 3))), [np.eye(4)])
     with pytest.raises(WeighingError, match="no motion"):
         handling.weigh_held(tools, shown, tmp_path)
     assert shown.mass_at_rest == told and shown.swung is None

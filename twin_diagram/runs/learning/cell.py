@@ -177,6 +177,11 @@ class Cell:
         return self._read(ports.POSITION_MEASURED)
 
     @property
+    def torque(self) -> Array:
+        """(n,) torques as measured [N·m]; zeros before the first message."""
+        return self._read(ports.TORQUE_MEASURED)
+
+    @property
     def widest(self) -> float:
         """Greatest travel of the fingers from each other [m]."""
         return self._fingers.widest

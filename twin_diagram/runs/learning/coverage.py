@@ -11,6 +11,7 @@ import numpy as np
 from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.planning.grasps import Grasps, Gripper
+from twin_diagram.planning.grasps.cost import TUNING as COST
 from twin_diagram.runs.learning.display import TUNING as DISPLAY
 from twin_diagram.runs.learning.display import Mask, tool_at
 from twin_diagram.runs.learning.following import TUNING as FOLLOWING
@@ -28,6 +29,13 @@ class Tuning:
     least_gain: float = 0.01
     """Share of the surface that the last grasp must have shown anew for one more to be asked for [1]: what two grasps
     from above did not show, such as the inside of a cup, further ones show hardly either."""
+
+    turning: float = 0.5
+    """Grasps in which the weight takes less of what the pads hold by turning are alike [1]: leaning, and with less
+    friction than is counted on, it may take twice as much."""
+
+    firm: float = 0.1
+    """The same, for what has turned in the fingers before [1]."""
 
 
 TUNING = Tuning()
@@ -92,7 +100,15 @@ def asks_for_more(grasps: int, shares: Sequence[float], learning: Learning) -> b
 
 
 def order_of(
-    grasps: Grasps, X_WS: Array, held: Sequence[Array], seen: SeenMap, gripper: Gripper, learning: Learning, p_WC: Array
+    grasps: Grasps,
+    X_WS: Array,
+    held: Sequence[Array],
+    seen: SeenMap,
+    gripper: Gripper,
+    learning: Learning,
+    p_WC: Array,
+    *,
+    firm: bool = False,
 ) -> list[int]:
     """Return the numbers of grasps from above in the order in which the method of `grasp_selection` wants them.
 
@@ -104,10 +120,15 @@ def order_of(
         gripper: that takes it.
         learning: which method, and how it is shown.
         p_WC: (3,) of the scanning camera [m].
+        firm: whether it turned in the fingers before: then those in which the weight turns it least go first.
     """
     if learning.grasp_selection == "pca":
-        return by_axes(grasps, X_WS, seen.points[np.isfinite(seen.distance)], held)
-    return by_pair(grasps, X_WS, seen, gripper, turns_before(learning, p_WC))[0]
+        order = by_axes(grasps, X_WS, seen.points[np.isfinite(seen.distance)], held)
+    else:
+        order = by_pair(grasps, X_WS, seen, gripper, turns_before(learning, p_WC))[0]
+    # Whatever it shows, a grasp in which the weight turns the object is worth nothing.
+    turning = grasps.terms["torque"] / COST.torque // (TUNING.firm if firm else TUNING.turning)
+    return sorted(order, key=lambda k: float(turning[k]))
 
 
 def tilts_of(seen: SeenMap, hand: Boxes, learning: Learning, p_WC: Array) -> tuple[float, ...]:

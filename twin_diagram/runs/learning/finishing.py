@@ -17,9 +17,9 @@ from twin_diagram.assets.building.measured import MeasuredInertia, from_shape_al
 from twin_diagram.assets.building.surface import weld
 from twin_diagram.errors import TwinError
 from twin_diagram.model.model import Model
-from twin_diagram.runs.learning.handling import ShownObject
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, plain
 from twin_diagram.runs.learning.shape_worker import SHAPE, read_shape
+from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.taken_again import note_taken_again
 from twin_diagram.runs.learning.weighing import inertia_of, read_swung
 from twin_diagram.signals.arrays import Array

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from twin_diagram.estimation.weighing import Excitation
 from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.transforms_folder import write_transforms
 from twin_diagram.model.model import Model
@@ -24,17 +23,26 @@ from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.choosing import choose
 from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
+from twin_diagram.runs.learning.felt_weight import Centre, Felt, centre_felt
 from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew, found_again
 from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
-from twin_diagram.runs.learning.picking import Taken, go, take
+from twin_diagram.runs.learning.picking import go, take
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
-from twin_diagram.runs.learning.seen_map import SeenMap
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
+from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runs.learning.steady_picture import steady_picture
-from twin_diagram.runs.learning.weighing import Slipping, slipped, swing_empty, swing_held, weigh_at_rest, write_swung
+from twin_diagram.runs.learning.weighing import (
+    Slipping,
+    first_mass,
+    slipped,
+    swing_empty,
+    swing_held,
+    weigh_at_rest,
+    write_swung,
+)
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
 
@@ -101,47 +109,6 @@ class Tools:
     faces: KnownFaces
 
 
-@dataclass
-class Picked:
-    """What came of a pick: what is held and the thing as it lay, or why it is not, and the tool's pose that failed.
-
-    `others`: what else the picture shows.
-    """
-
-    thing: SeenThing
-    taken: Taken | None = None
-    why: str = ""
-    failed: Array | None = None
-    others: list[SeenThing] = field(default_factory=list)
-
-
-@dataclass
-class ShownObject:
-    """All pictures of an object, followed, and how it is held now.
-
-    Attributes:
-        followed: pictures, poses, cloud.
-        X_ST: (4, 4) of the tool in S, of each grasp.
-        openings: between the pads in each grasp [m].
-        seen: how well its surface was seen; None: it was not shown yet.
-        seen_shares: of its surface, after each grasp.
-        R_WT: (3, 3) the tool's axes in which it stands as it lay in the bin, held as it is now.
-        mass_at_rest: what it seemed to weigh before it was swung [kg]; None: nobody asked.
-        swung: how it was swung; None: it was not.
-        notes: what went otherwise than it should.
-    """
-
-    followed: Followed = field(default_factory=Followed)
-    X_ST: list[Array] = field(default_factory=list)
-    openings: list[float] = field(default_factory=list)
-    seen: SeenMap | None = None
-    seen_shares: list[float] = field(default_factory=list)
-    R_WT: Array = field(default_factory=lambda: np.eye(3))
-    mass_at_rest: float | None = None
-    swung: Excitation | None = None
-    notes: list[str] = field(default_factory=list)
-
-
 def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Picture, list[SeenThing]]:
     """Return a picture of the bin and what lies in it and beside it, without what was given up; the arm is at home.
 
@@ -199,21 +166,36 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     """
     assert picked.taken is not None
     # S is the tool's frame in the first picture, and it has not been turned since it was taken.
-    followed, R_WS = _followed(tools), picked.taken.X_WT[:3, :3]
+    (followed, felt), R_WS = _followed(tools), picked.taken.X_WT[:3, :3]
     result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.apart], R_WT=R_WS @ followed.X_ST[-1][:3, :3])
     hold_seen(tools, result)
     stand_about_rest(tools.mover, tools.cell, tools.robot, tools.learning, picked.others)
-    if followed.slips and len((calm := _followed(tools)).slips) < len(followed.slips):
+    if followed.slips and len((calm := _followed(tools))[0].slips) < len(followed.slips):
         # By now it hangs as it will stay; pictures from while it slid fit each other less well.
-        result = ShownObject(calm, [calm.X_ST[-1]], [tools.cell.apart], R_WT=result.R_WT @ calm.X_ST[-1][:3, :3])
+        followed, felt = calm
+        X_ST = followed.X_ST[-1]
+        result = ShownObject(followed, [X_ST], [tools.cell.apart], R_WT=result.R_WT @ X_ST[:3, :3])
         hold_seen(tools, result)
+    feel(tools, result, felt)
     look_over(tools, result)
     return result
 
 
-def _followed(tools: Tools) -> Followed:
-    """Show what is held for the first time, and follow it."""
-    return follow(Followed(), display(tools.mover, tools.cell, tools.learning, tools.robot, 0), np.eye(4))
+def _followed(tools: Tools) -> tuple[Followed, Felt]:
+    """Show what is held for the first time, follow it, and feel where its weight pulls."""
+    felt = Felt()
+    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, 0, during=partial(felt.note, tools.cell))
+    return follow(Followed(), pictures, np.eye(4)), felt
+
+
+def feel(tools: Tools, shown: ShownObject, felt: Felt) -> None:
+    """Note how heavy the object seems at rest, and where its weight pulled as it was turned."""
+    if tools.cell.opening < PICKING.empty:
+        return
+    shown.mass_at_rest = first_mass(tools.model, tools.cell)
+    before = shown.centre or Centre.within(shown.followed.points)
+    X_TS = np.asarray(np.linalg.inv(shown.X_ST[-1]), dtype=float)
+    shown.centre = centre_felt(tools.model, felt, shown.mass_at_rest, X_TS, before)
 
 
 def look_over(tools: Tools, shown: ShownObject) -> None:
@@ -233,10 +215,11 @@ def in_tool(shown: ShownObject) -> Array:
     return np.asarray(cover(shown.followed) @ X_TS[:3, :3].T + X_TS[:3, 3])
 
 
-def show_again(tools: Tools, shown: ShownObject) -> bool:
+def show_again(tools: Tools, shown: ShownObject, firm: bool = False) -> bool:
     """Set the object down on the platform, take it in another grasp and show it again; whether that succeeded.
 
     Where the first turn of the fingers cannot be had, what is known stays, and the hand may be empty: `holding` tells.
+    With `firm` the grasp is to hold the object's weight, whatever it shows.
 
     Raises:
         NoWay: it cannot be set down.
@@ -259,9 +242,9 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     assert shown.seen is not None
     p_WC = shown.followed.shown[-1].picture.camera.p_WC
     order = partial(
-        order_of, held=shown.X_ST, seen=shown.seen, gripper=tools.gripper, learning=tools.learning, p_WC=p_WC
+        order_of, held=shown.X_ST, seen=shown.seen, gripper=tools.gripper, learning=tools.learning, p_WC=p_WC, firm=firm
     )
-    found = take_again(tools.mover, tools.cell, tools.learning, tools.gripper, shown.followed, X_WS, order)
+    found = take_again(tools.mover, tools.cell, tools.learning, tools.gripper, shown, X_WS, order)
     tools.mover.stand(PLATFORM, [], 0.0)
     if found is None:
         return False
@@ -272,11 +255,14 @@ def show_again(tools: Tools, shown: ShownObject) -> bool:
     hold_seen(tools, shown)
     hand = Boxes(X_ST, *tools.gripper.boxes(tools.cell.apart))
     number, tilts = len(shown.X_ST) - 1, tilts_of(shown.seen, hand, tools.learning, p_WC)
-    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts)
+    felt = Felt()
+    noted = partial(felt.note, tools.cell)
+    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts, during=noted)
     shown.followed = follow_anew(shown.followed, pictures, X_ST, TUNING.regrasped)
     shown.X_ST[-1] = shown.followed.X_ST[-1]
     shown.R_WT = R_WS_lying @ shown.X_ST[-1][:3, :3]
     hold_seen(tools, shown)
+    feel(tools, shown, felt)
     look_over(tools, shown)
     return True
 
@@ -296,7 +282,8 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
         try:
             mass = weigh_at_rest(tools.model, tools.mover, tools.cell)
             shown.mass_at_rest = mass if tools.cell.opening > PICKING.empty else shown.mass_at_rest
-            held = X_TS, shown.followed.points, tools.learning.weigh_seconds
+            points = shown.followed.points
+            held = X_TS, points, (shown.centre or Centre.within(points)).mean, tools.learning.weigh_seconds
             swung, shown.swung = swing_held(tools.driven, tools.mover, tools.cell, *held, mass)
         except Slipping:
             _find_turned(tools, shown)

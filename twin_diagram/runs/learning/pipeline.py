@@ -26,7 +26,6 @@ from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
 from twin_diagram.runs.learning.finishing import figures_of, finish, seen_so_far
 from twin_diagram.runs.learning.gallery import write_gallery
-from twin_diagram.runs.learning.handling import Picked, ShownObject, Tools
 from twin_diagram.runs.learning.motion import Mover, NoWay
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, RunState, plain
@@ -34,6 +33,7 @@ from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import FRAMES
+from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runs.learning.tipping import plan_tipping, tip_up
 from twin_diagram.runtime import stopping
 from twin_diagram.runtime.stopping import Stopped
@@ -63,7 +63,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-def tools_of(scenario: Scenario, learning: Learning) -> Tools:
+def tools_of(scenario: Scenario, learning: Learning) -> handling.Tools:
     """Build the cell of a scenario and what handles it."""
     twin, packages = scenario.twin, dict(scenario.packages)
     gripper = gripper_of(learning.gripper)
@@ -74,13 +74,13 @@ def tools_of(scenario: Scenario, learning: Learning) -> Tools:
     home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
     faces = KnownFaces.of([solid for _, solids in fixture_solids(twin.fixtures, packages) for solid in solids])
     robot = RobotShape(twin.arm, packages)
-    return Tools(cell, mover, robot, gripper, learning, home, model, driven, twin.cameras, faces)
+    return handling.Tools(cell, mover, robot, gripper, learning, home, model, driven, twin.cameras, faces)
 
 
 class Learner:
     """One run over one bin."""
 
-    def __init__(self, tools: Tools, record: LearningRecord, state: RunState, say: Say) -> None:
+    def __init__(self, tools: handling.Tools, record: LearningRecord, state: RunState, say: Say) -> None:
         """Go on from a state.
 
         Args:
@@ -256,12 +256,12 @@ class Learner:
             if not self._once_more(name, shown):
                 return
 
-    def _once_more(self, name: str, shown: ShownObject) -> bool:
+    def _once_more(self, name: str, shown: ShownObject, firm: bool = False) -> bool:
         """Show an object in another grasp; whether that was to be had; raises as `_show_again`."""
         self._in_bin = False
         try:
             with self._stage(name, "display again") as told:
-                told["outcome"] = "shown" if handling.show_again(self.tools, shown) else "not taken again"
+                told["outcome"] = "shown" if handling.show_again(self.tools, shown, firm) else "not taken again"
                 told.update(seen_so_far(shown))
         except NoWay as why:
             if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
@@ -300,7 +300,7 @@ class Learner:
             except (NoWay, WeighingError) as why:
                 shown.notes.append(f"not weighed: {why}")
                 firmer = isinstance(why, WeighingError) and len(shown.X_ST) < self.tools.learning.most_grasps
-                if last or not firmer or not self._once_more(name, shown):
+                if last or not firmer or not self._once_more(name, shown, firm=True):
                     return
 
     def _let_go(self, one: Learned) -> None:

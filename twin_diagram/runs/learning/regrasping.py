@@ -15,6 +15,7 @@ from twin_diagram.runs.learning.following import Followed, register
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
 from twin_diagram.runs.learning.setting_down import downwards, hull_sides, pose_over, turned
+from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.steady_picture import steady_picture
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
@@ -115,23 +116,27 @@ def on_platform(cell: Cell, learning: Learning) -> SeenThing | None:
     return max(things, key=lambda thing: len(thing.points), default=None)
 
 
-def other_grasps(seen: Followed, X_WS: Array, gripper: Gripper, floor: float, seed: int) -> Grasps:
+def other_grasps(shown: ShownObject, X_WS: Array, gripper: Gripper, floor: float, seed: int) -> Grasps:
     """Return grasps in W of an object whose cloud is known; see `grasp_selection` for which of them are wanted.
 
     Args:
-        seen: the object's cloud in S.
+        shown: the object, with its cloud and what was felt of its weight in S.
         X_WS: (4, 4) where it stands.
         gripper: that takes it.
         floor: height of what it stands on [m].
         seed: of the search.
     """
+    seen = shown.followed
     rng = np.random.default_rng(seed)
     order = rng.permutation(len(seen.points))
     points = seen.points[order] @ X_WS[:3, :3].T + X_WS[:3, 3]
     normals = seen.normals[order] @ X_WS[:3, :3].T
     table = np.array([0.0, 0.0, 1.0, floor + TUNING.floor])
     wanted, middle = Wanted(TUNING.candidates, seed + 1), 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return propose(points, normals, gripper, wanted=wanted, table=table, mass=BIN_VIEW.usual_mass, centre=middle)
+    mass, centre = shown.mass_at_rest or BIN_VIEW.usual_mass, middle
+    if shown.centre is not None:
+        centre = X_WS[:3, :3] @ shown.centre.mean + X_WS[:3, 3]
+    return propose(points, normals, gripper, wanted=wanted, table=table, mass=mass, centre=centre)
 
 
 def take_again(
@@ -139,7 +144,7 @@ def take_again(
     cell: Cell,
     learning: Learning,
     gripper: Gripper,
-    seen: Followed,
+    shown: ShownObject,
     X_WS: Array,
     order: Callable[[Grasps, Array], list[int]],
 ) -> tuple[Taken, Array] | None:
@@ -150,7 +155,7 @@ def take_again(
         cell: whose arm is empty.
         learning: where the platform is.
         gripper: that takes it.
-        seen: the object's cloud in S.
+        shown: the object, with its cloud and what was felt of its weight in S.
         X_WS: (4, 4) by where the fingers let go.
         order: numbers of grasps in W of what stands at X_WS (4, 4), those first that are wanted most.
 
@@ -160,8 +165,8 @@ def take_again(
     """
     floor = float(learning.platform[1][2])
     for attempt in range(2 * learning.tries):
-        X_WS = stands_at(cell, learning, seen, X_WS)
-        grasps, wanted = other_grasps(seen, X_WS, gripper, floor, attempt), []
+        X_WS = stands_at(cell, learning, shown.followed, X_WS)
+        grasps, wanted = other_grasps(shown, X_WS, gripper, floor, attempt), []
         if attempt < learning.tries:
             wanted = order(grasps, X_WS)
         elif (thing := on_platform(cell, learning)) is not None:

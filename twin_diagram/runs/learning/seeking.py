@@ -10,11 +10,12 @@ import numpy as np
 from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing, things_within, why_not
 from twin_diagram.runs.learning.cell import Picture
 from twin_diagram.runs.learning.following import Followed
-from twin_diagram.runs.learning.handling import PLATFORM, ShownObject, Tools, go_home, let_go, put_away
+from twin_diagram.runs.learning.handling import PLATFORM, Tools, go_home, let_go, put_away
 from twin_diagram.runs.learning.handling import TUNING as HANDLING
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
 from twin_diagram.runs.learning.setting_down import PutDown
+from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.steady_picture import steady_picture
 
 

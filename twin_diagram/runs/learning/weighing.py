@@ -174,6 +174,7 @@ def best_motion(
     posture: Array,
     X_TS: Array,
     points_S: Array,
+    p_SO: Array,
     cell: Cell,
     seconds: float,
     mass: float,
@@ -186,6 +187,7 @@ def best_motion(
         posture: (n,) about which it swings [rad].
         X_TS: (4, 4) of the object's S in the tool.
         points_S: (N, 3) of its surface [m]: the box about them stands for its shape.
+        p_SO: (3,) where its centre of mass is thought to be [m].
         cell: whose fingers hold it.
         seconds: length of the motion [s].
         mass: that it is taken to have [kg].
@@ -195,7 +197,7 @@ def best_motion(
     """
     low, high = points_S.min(axis=0), points_S.max(axis=0)
     X_TO = X_TS.copy()
-    X_TO[:3, 3] = X_TS[:3, :3] @ (0.5 * (low + high)) + X_TS[:3, 3]
+    X_TO[:3, 3] = X_TS[:3, :3] @ p_SO + X_TS[:3, 3]
     limits = MotionLimits.of(model, acceleration=TUNING.acceleration * np.asarray(model.velocity_limit))
     grip = grip_on(points_S @ X_TS[:3, :3].T + X_TS[:3, 3], cell.apart, cell.force)
     return optimise_excitation(
@@ -216,7 +218,7 @@ def share_of(grip: Grip, mass: float, centre_T: Array) -> float:
     Args:
         grip: that holds it.
         mass: of what hangs in it [kg], the tool pointing down.
-        centre_T: (3,) its middle in the tool's frame [m].
+        centre_T: (3,) its centre of mass in the tool's frame [m].
     """
     force = np.array([0.0, 0.0, 9.81 * mass])
     wrench = np.concatenate([force, np.cross(centre_T - np.array(grip.centre), force)])
@@ -225,7 +227,7 @@ def share_of(grip: Grip, mass: float, centre_T: Array) -> float:
 
 
 def swing_held(
-    driven: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, seconds: float, mass: float
+    driven: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, p_SO: Array, seconds: float, mass: float
 ) -> tuple[Swung, Excitation]:
     """Swing what is held about where the arm is; return the arm's messages, and the motion.
 
@@ -235,6 +237,7 @@ def swing_held(
         cell: whose arm holds it.
         X_TS: (4, 4) of the object's S in the tool.
         points_S: (N, 3) of its surface [m].
+        p_SO: (3,) where its centre of mass is thought to be [m].
         seconds: length of the motion [s].
         mass: of `first_mass` [kg].
 
@@ -242,7 +245,7 @@ def swing_held(
         NoWay: there is no room for it.
         WeighingError: no motion is within the limits.
     """
-    motion = best_motion(driven, mover, cell.commanded, X_TS, points_S, cell, seconds, mass)
+    motion = best_motion(driven, mover, cell.commanded, X_TS, points_S, p_SO, cell, seconds, mass)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
     return Swung(swing(cell, motion, driven.joints, "loaded"), cell.fingers, X_TS), motion
 

@@ -1,0 +1,58 @@
+"""What handling knows of one object: what came of its pick, and all that was seen and felt of it since."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twin_diagram.estimation.weighing import Excitation
+from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.felt_weight import Centre
+from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.picking import Taken
+from twin_diagram.runs.learning.seen_map import SeenMap
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass
+class Picked:
+    """What came of a pick: what is held and the thing as it lay, or why it is not, and the tool's pose that failed.
+
+    `others`: what else the picture shows.
+    """
+
+    thing: SeenThing
+    taken: Taken | None = None
+    why: str = ""
+    failed: Array | None = None
+    others: list[SeenThing] = field(default_factory=list)
+
+
+@dataclass
+class ShownObject:
+    """All pictures of an object, followed, and how it is held now.
+
+    Attributes:
+        followed: pictures, poses, cloud.
+        X_ST: (4, 4) of the tool in S, of each grasp.
+        openings: between the pads in each grasp [m].
+        seen: how well its surface was seen; None: it was not shown yet.
+        seen_shares: of its surface, after each grasp.
+        R_WT: (3, 3) the tool's axes in which it stands as it lay in the bin, held as it is now.
+        mass_at_rest: what it seemed to weigh before it was swung [kg]; None: nobody asked.
+        centre: where its weight pulls; None: nobody felt.
+        swung: how it was swung; None: it was not.
+        notes: what went otherwise than it should.
+    """
+
+    followed: Followed = field(default_factory=Followed)
+    X_ST: list[Array] = field(default_factory=list)
+    openings: list[float] = field(default_factory=list)
+    seen: SeenMap | None = None
+    seen_shares: list[float] = field(default_factory=list)
+    R_WT: Array = field(default_factory=lambda: np.eye(3))
+    mass_at_rest: float | None = None
+    centre: Centre | None = None
+    swung: Excitation | None = None
+    notes: list[str] = field(default_factory=list)
