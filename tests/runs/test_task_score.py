@@ -52,6 +52,13 @@ def test_what_a_step_asks_for_is_no_collision(a: int, b: int, at: TaskState, ask
     assert asked_for(b, a, PARTS, "can", at) is asked
 
 
+def test_what_bears_it_may_be_touched_while_it_is_put_down() -> None:
+    lowering, carrying = state(Phase.LOWER, held=True, on_support=True), state(Phase.CARRY, held=True)
+    assert asked_for(CAN, MUG, PARTS, "can", lowering, support=MUG)
+    assert not asked_for(CAN, MUG, PARTS, "can", carrying, support=MUG)
+    assert not asked_for(FINGER, MUG, PARTS, "can", lowering, support=MUG)
+
+
 @pytest.mark.long
 def test_drawn_tables_are_tasks_of_their_own() -> None:
     base = load_scenario("pick_and_place")

@@ -79,6 +79,9 @@ SECOND = {
     f"{PICK}, {{kind: place, object: mug, {GOAL}}}": ("object", "'mug'", "can"),
     f"{PICK}, {{kind: follow, object: can, {GOAL}}}": ("object", "can"),
     f"{PICK}, {{kind: place}}": ("goal", "X_WO"),
+    f"{PICK}, {{kind: place, upon: teapot, {GOAL}}}": ("upon", "'teapot'", "cracker_box"),
+    f"{PICK}, {{kind: place, upon: can, {GOAL}}}": ("upon", "can"),
+    f"{PICK}, {{kind: reach, upon: mug, {GOAL}}}": ("upon", "reach"),
 }
 
 
@@ -90,6 +93,13 @@ def test_steps_must_follow_one_another(steps: str) -> None:
     assert str(caught.value).startswith(f"twin.task.steps.1.{field}")
     assert all(word in str(caught.value) for word in words)
     check_twin(tabletop(f"{PICK}, {{kind: place, object: can, {GOAL}}}, {PICK}").twin)
+
+
+def test_what_bears_another_is_not_picked_before_that_is() -> None:
+    upon, mug = f"{{kind: place, upon: mug, {GOAL}}}", "{kind: pick, object: mug}"
+    check_twin(tabletop(f"{PICK}, {upon}, {PICK}, {PLACE}, {mug}").twin)
+    with pytest.raises(ScenarioError, match=r"steps\.2\.object: mug bears can by then"):
+        check_twin(tabletop(f"{PICK}, {upon}, {mug}").twin)
 
 
 def test_one_goal_and_steps_are_not_both() -> None:

@@ -32,9 +32,10 @@ def test_how_far_two_poses_are_apart() -> None:
 
 
 def test_a_hand_is_a_vector_and_back() -> None:
-    hand = Hand(2, NOTHING, True, drawn(4), np.arange(36.0).reshape(6, 6), True)
+    hand = Hand(2, NOTHING, True, drawn(4), np.arange(36.0).reshape(6, 6), True, 3)
     vector = hand.pack()
     assert vector.shape == (HAND_SIZE,)
     np.testing.assert_array_equal(Hand.unpack(vector).pack(), vector)
+    assert Hand.unpack(vector).support == 3 and Hand.unpack(vector).around
     vector[5] = np.nan
     assert Hand.unpack(vector).held == NOTHING, "what is not finite is an empty hand"

@@ -12,13 +12,17 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from twin_diagram.planning.tasks.step_state import NOTE_FIELDS, Note, Phase, TaskOutcome, TaskState, Why
 from twin_diagram.runs.task_score import TaskScore
-from twin_diagram.scenario import Scenario, load_scenario
+from twin_diagram.scenario import Pose, Scenario, load_scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING
 from twin_diagram.signals.layouts import PoseMeasurement
+from twin_diagram.signals.pose_vectors import compose
+from twin_diagram.station import ports
 from twin_diagram.twin.closed_loop import ClosedLoop, make_closed_loop
 
 AT = (0.5, -0.32, 0.051)
+UPON = np.array([np.sqrt(0.5), 0.0, -np.sqrt(0.5), 0.0, -0.081, 0.0, 0.03])
+"""Where the can stands upon a cracker box that lies flat, in the box's frame."""
 
 
 class ToldOnce(LeafSystem):
@@ -116,6 +120,36 @@ def test_what_slips_in_the_hand_is_seen_to_and_put_where_it_belongs() -> None:
     placed = score.told(context)
     assert placed["placed"]["can"]["off_mm"] < 10.0 and placed["placed"]["can"]["off_deg"] < 5.0
     assert placed["collisions"] == {"point": 0, "surface": 0}, placed["touched"]
+
+
+@pytest.mark.slow
+def test_a_can_is_put_upon_a_box_where_that_lies_and_taken_off_again() -> None:
+    """The box lies flat, by images alone; goals are told in its frame, and nothing is touched that no step asks for."""
+    goal = "{translation: [-0.081, 0, 0.03], rpy: [0, -1.570796, 0]}"
+    upon = f"{{kind: place, upon: cracker_box, goal: {goal}}}"
+    pick, back = "{kind: pick, object: can, force: 60}", "{kind: place, goal: {translation: [0.5, -0.1, 0.051]}}"
+    plan: Scenario = load_scenario("pick_and_place", [f"twin.task.steps=[{pick}, {upon}, {pick}, {back}]"])
+    lies = Pose(translation=[0.52, 0.28, 0.03], rpy=[0.0, 1.570796, 0.4])
+    box = replace(plan.world.objects["sugar_box"], asset="objects/cracker_box", X_WO=lies)
+    plan.world.objects = {"can": plan.world.objects["can"], "cracker_box": box}
+    plan.twin.library = {"can": plan.twin.library["can"], "cracker_box": "objects/cracker_box"}
+    loop = make_closed_loop(plan)
+    simulator, score = Simulator(loop.diagram), TaskScore(loop)
+    context = simulator.get_mutable_context()
+    state, off = state_of(loop, context), np.inf
+    while state.outcome is TaskOutcome.RUNNING and context.get_time() < 16.0:
+        simulator.AdvanceTo(context.get_time() + 0.02)
+        score.poll(context)
+        before, state = state, state_of(loop, context)
+        if state.step == 2 != before.step:  # what has just been put down stands there, where the box truly lies
+            station: Any = loop.station
+            truth = station.GetOutputPort(ports.OBJECT_POSES).Eval(station.GetMyContextFromRoot(context))
+            off = float(np.linalg.norm(truth[4:7] - compose(truth[7:], UPON)[4:]))
+    assert state.outcome is TaskOutcome.DONE, (state.step, state.phase, state.why)
+    told = score.told(context)
+    assert told["placed"]["can"]["off_mm"] < 10.0 and told["placed"]["can"]["off_deg"] < 5.0
+    assert off < 0.01
+    assert told["collisions"] == {"point": 0, "surface": 0}, told["touched"]
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from twin_diagram.model.description.followers import Followers
 from twin_diagram.planning.tasks.step_state import Phase, TaskState, steps_of
 from twin_diagram.signals import rotations
 from twin_diagram.signals.hand import NOTHING
-from twin_diagram.signals.pose_vectors import errors
+from twin_diagram.signals.pose_vectors import compose, errors
 from twin_diagram.station import ports
 from twin_diagram.station.sim.world_plant import WorldPlant
 from twin_diagram.twin.closed_loop import ClosedLoop
@@ -41,7 +41,7 @@ class Parts:
     still: frozenset[int]
 
 
-def asked_for(a: int, b: int, parts: Parts, target: str, state: TaskState) -> bool:
+def asked_for(a: int, b: int, parts: Parts, target: str, state: TaskState, support: int = NOTHING) -> bool:
     """Tell whether a contact of two bodies is no collision: the step asks for it, or it is nothing of the arm's.
 
     Args:
@@ -50,6 +50,7 @@ def asked_for(a: int, b: int, parts: Parts, target: str, state: TaskState) -> bo
         parts: of the world.
         target: object that the step is about; empty where there is none.
         state: of the task.
+        support: body of the object that bears what is held, or is to bear it.
     """
     mine, other = (a, b) if a in parts.arm else (b, a)
     held = state.hand.held != NOTHING
@@ -58,7 +59,7 @@ def asked_for(a: int, b: int, parts: Parts, target: str, state: TaskState) -> bo
         gripping = state.phase in GRIPPING or held
         return other in parts.arm or (mine in parts.fingers and other == body and gripping)
     if body in (a, b) and held:
-        return (b if a == body else a) in parts.still and state.hand.on_support
+        return (b if a == body else a) in {*parts.still, support} and state.hand.on_support
     return True
 
 
@@ -99,12 +100,14 @@ class TaskScore:
         target = self._steps[number].target
         held = state.hand.held
         name = self._library[held if held != NOTHING else target] if max(held, target) >= 0 else ""
+        below = state.hand.support
+        support = self._parts.objects.get(self._library[below], NOTHING) if below != NOTHING else NOTHING
         station = self._loop.station
         results: Any = station.GetOutputPort(ports.CONTACT_RESULTS).Eval(station.GetMyContextFromRoot(context))
         now = {
             (kind, min(a, b), max(a, b))
             for kind, a, b in self._pairs(results)
-            if not asked_for(a, b, self._parts, name, state)
+            if not asked_for(a, b, self._parts, name, state, support)
         }
         for kind, a, b in sorted(now - self._touching):
             self.counts[kind] += 1
@@ -116,7 +119,8 @@ class TaskScore:
     def told(self, context: Context) -> dict[str, Any]:
         """Return the score, for ``summary.json``; `context` is the whole Diagram's.
 
-        Where each object of a `place` truly is off its goal [mm, °], and collisions by kind of contact.
+        Where each object of a `place` truly is off its goal [mm, °], beside what bears it as that truly stands, and
+        collisions by kind of contact.
         """
         station = self._loop.station
         truth = np.array(station.GetOutputPort(ports.OBJECT_POSES).Eval(station.GetMyContextFromRoot(context)))
@@ -124,8 +128,9 @@ class TaskScore:
         placed = {}
         for step in self._steps:
             name = self._library[step.target] if step.kind == "place" else ""
-            if name in poses:
-                goal = step.goal.copy()
+            below = self._library[step.support] if step.support != NOTHING else ""
+            if name in poses and (not below or below in poses):
+                goal = compose(poses[below], step.goal) if below else step.goal.copy()
                 if self._loop.twin.library[name].symmetric_axis:
                     goal[:4] = rotations.fold_about_z(goal[:4], poses[name][:4])
                 off, angle = errors(goal, poses[name])

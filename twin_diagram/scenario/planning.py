@@ -44,9 +44,13 @@ class TaskStep:
     """`reach` a pose, `follow` an object, `hold` still, `pick` an object up, `place` what was picked."""
     object: str = ""
     """Of the library: what is followed or picked; of `place`, what is held, or nothing."""
+    upon: str = ""
+    """Of `place`: the object of the library that is to bear it, wherever that stands by then; nothing: what never moves
+    does."""
     goal: Pose | None = None
     """`reach`: X_WG of the tool frame; `follow`: X_OG, the tool frame in the object's; `place`: X_WO, where the object
-    is to stand; `pick`: X_OG of the grasp, none: from above, where the object is narrow; `hold`: none."""
+    is to stand, or X_UO in the frame of the one that it stands upon; `pick`: X_OG of the grasp, none: from above, where
+    the object is narrow; `hold`: none."""
     position_tolerance: float = 0.01
     """A goal counts as reached within this [m]."""
     rotation_tolerance: float = 0.1

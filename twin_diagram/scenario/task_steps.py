@@ -10,7 +10,11 @@ from twin_diagram.scenario.planning import Task, TaskStep
 
 KINDS: Final = ("reach", "follow", "hold", "pick", "place")
 """Of a step, in the order of their numbers."""
-_GOAL: Final = {"reach": "X_WG of the tool frame", "follow": "X_OG of the tool frame", "place": "X_WO of the object"}
+_GOAL: Final = {
+    "reach": "X_WG of the tool frame",
+    "follow": "X_OG of the tool frame",
+    "place": "X_WO of the object, or X_UO in the frame of what it is put upon",
+}
 """Kinds that need a goal, and what that is."""
 
 
@@ -27,9 +31,17 @@ def check_steps(task: Task, library: Collection[str]) -> None:
     """
     if task.steps and task.X_WG is not None:
         raise ScenarioError("twin.task.X_WG", "stands beside steps; make it the goal of a step of kind reach")
-    held = ""
+    held, upon = "", dict[str, str]()
     for index, step in enumerate(task.steps):
-        held = _check_step(step, f"twin.task.steps.{index}", library, held)
+        name = f"twin.task.steps.{index}"
+        if step.kind == "place" and step.upon:
+            _check_support(step, name, library, held)
+            upon[held] = step.upon
+        held = _check_step(step, name, library, held)
+        upon.pop(held, None)
+        laden = [above for above, below in upon.items() if below == held]
+        if laden:
+            raise ScenarioError(f"{name}.object", f"{held} bears {laden[0]} by then; pick that first")
 
 
 def _check_step(step: TaskStep, name: str, library: Collection[str], held: str) -> str:
@@ -41,6 +53,8 @@ def _check_step(step: TaskStep, name: str, library: Collection[str], held: str) 
         raise ScenarioError(f"{name}.goal", f"{step.kind} needs one: {_GOAL[step.kind]}")
     if step.goal is not None and step.kind == "hold":
         raise ScenarioError(f"{name}.goal", "hold stays where it is and has none")
+    if step.upon and step.kind != "place":
+        raise ScenarioError(f"{name}.upon", f"{step.kind} puts nothing down; only a place has it")
     if step.kind in ("hold", "follow") and step.seconds >= step.time_limit:
         raise ScenarioError(f"{name}.seconds", f"{step.seconds} s are not below the time limit, {step.time_limit} s")
     if step.kind == "pick" and held:
@@ -52,6 +66,14 @@ def _check_step(step: TaskStep, name: str, library: Collection[str], held: str) 
     if held and step.kind == "follow" and step.object == held:
         raise ScenarioError(f"{name}.object", f"{held} is held and cannot be followed")
     return {"pick": step.object, "place": ""}.get(step.kind, held)
+
+
+def _check_support(step: TaskStep, name: str, library: Collection[str], held: str) -> None:
+    """Check that the twin knows what is to bear what a `place` puts down."""
+    if step.upon not in library:
+        raise ScenarioError(f"{name}.upon", f"{step.upon!r} is not in the library: {', '.join(library) or 'empty'}")
+    if step.upon == held:
+        raise ScenarioError(f"{name}.upon", f"{held} is what is held and cannot bear itself")
 
 
 def _check_object(step: TaskStep, name: str, library: Collection[str]) -> None:

@@ -12,7 +12,7 @@ from twin_diagram.signals.layouts import POSE_SIZE
 
 NOTHING: Final = -1
 """In the place of an object's number in the library."""
-HAND_SIZE: Final = 3 + POSE_SIZE + 36 + 1
+HAND_SIZE: Final = 3 + POSE_SIZE + 36 + 2
 """A packed `Hand`."""
 
 
@@ -29,6 +29,8 @@ class Hand:
             origin.
         around: the fingers are around what may be touched, and open or close: an arm that gave way to what passes by
             would throw it. Whatever moves is the stop monitor's alone.
+        support: which of the library's objects bears what is held, or is to bear it, or `NOTHING`: while `on_support`
+            that may be touched as well.
     """
 
     held: int = NOTHING
@@ -37,16 +39,18 @@ class Hand:
     X_TO: Array = field(default_factory=lambda: np.array([1.0, 0, 0, 0, 0, 0, 0]))
     covariance: Array = field(default_factory=lambda: np.zeros((6, 6)))
     around: bool = False
+    support: int = NOTHING
 
     def pack(self) -> Array:
         """Return it as a vector of `HAND_SIZE`."""
         numbers = [float(self.held), float(self.touched), float(self.on_support)]
-        return np.concatenate([numbers, self.X_TO, self.covariance.ravel(), [float(self.around)]])
+        return np.concatenate([numbers, self.X_TO, self.covariance.ravel(), [float(self.around), float(self.support)]])
 
     @staticmethod
     def unpack(vector: Array) -> Hand:
         """Return the inverse of `pack`; copies. What is not finite is an empty hand."""
         if not np.isfinite(vector).all():
             return Hand()
-        X_TO, covariance = vector[3 : 3 + POSE_SIZE].copy(), vector[3 + POSE_SIZE : -1].reshape(6, 6).copy()
-        return Hand(int(vector[0]), int(vector[1]), bool(vector[2] > 0.5), X_TO, covariance, bool(vector[-1] > 0.5))
+        X_TO, covariance = vector[3 : 3 + POSE_SIZE].copy(), vector[3 + POSE_SIZE : -2].reshape(6, 6).copy()
+        told = bool(vector[2] > 0.5), X_TO, covariance, bool(vector[-2] > 0.5)
+        return Hand(int(vector[0]), int(vector[1]), *told, int(vector[-1]))

@@ -139,6 +139,11 @@ def test_what_is_held_moves_with_the_arm_and_meets_the_rest(near: DrakeDistances
     table = look(near, {}, held=0, X_TO=X_TO, within=2.0)
     lifted = look(near, {}, held=0, X_TO=X_TO, on_support=True, within=2.0)
     assert len(table.distance) > len(lifted.distance)
+    borne = look(near, {1: p}, held=0, X_TO=X_TO, on_support=True, support=1)
+    assert least(borne, 2) == pytest.approx(least(bare, 2)), "what bears it is met by the arm alone"
+    assert least(look(near, {1: p}, held=0, X_TO=X_TO, support=1), 2) == pytest.approx(least(held, 2)), (
+        "lifted, by both"
+    )
     assert near.speed(Q, V) > 0.0
     free = look(near, {0: p, 1: p})
     assert {1, 2} <= set(free.body), "let go it is an obstacle again"

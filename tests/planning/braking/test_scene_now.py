@@ -82,6 +82,7 @@ def test_the_hands_object_is_no_obstacle(near: DrakeDistances) -> None:
     held = scene(near, *both, hand=Hand(held=1, on_support=True).pack())
     assert list(held.shapes.present[:2]) == [True, False]
     assert (held.shapes.held, held.shapes.on_support) == (1, True)
+    assert scene(near, *both, hand=Hand(held=1, support=0).pack()).shapes.support == 0
     touched = scene(near, *both, hand=Hand(touched=0).pack())
     assert list(touched.shapes.present[:2]) == [False, True]
     assert (touched.shapes.held, touched.shapes.on_support) == (ARM, False)

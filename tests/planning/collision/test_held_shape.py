@@ -96,6 +96,10 @@ def test_the_support_alone_may_be_touched_where_that_is_asked_for(loaded, q: Arr
     mug = scene.fixture_count + bench.NAMES.index("mug")
     assert distances(lifting, q, beside)[mug] == pytest.approx(distances(carrying, q, beside)[mug])
     assert distances(lifting, q, beside)[mug] < distances(scene, q, beside)[mug]
+    for on_support, nearest in ((True, scene), (False, carrying)):
+        hand = replace(HAND, on_support=on_support, support=bench.NAMES.index("mug"))
+        upon = holding(scene, library["can"].convex_pieces, hand)
+        assert distances(upon, q, beside)[mug] == pytest.approx(distances(nearest, q, beside)[mug])
 
 
 def test_what_is_held_moves_with_the_last_link(loaded, q: Array) -> None:  # type: ignore[no-untyped-def]

@@ -52,13 +52,14 @@ class SmallWorld:
     phases: list[Phase] = field(default_factory=list)
     in_hand: Array | None = None
     others: tuple[Array, ...] = ()  # where the library's other objects stand
+    beside: ObjectStatus = ObjectStatus.TRACKED  # how those are seen
 
     def tick(self) -> TaskState:
         widest = 0.08
         shown = self.X_WO if self.seen_at is None else self.seen_at
         measured = PoseMeasurement(1.0, self.now - self.late, shown, 1e-6 * np.eye(6))
         track = Track(self.status, self.now, self.X_WO, np.zeros(6), COVARIANCE)
-        beside = [Track(ObjectStatus.TRACKED, self.now, X, np.zeros(6), COVARIANCE) for X in self.others]
+        beside = [Track(self.beside, self.now, X, np.zeros(6), COVARIANCE) for X in self.others]
         before = self.opening
         self.opening = self._squeezed(widest)
         seen = StepView(

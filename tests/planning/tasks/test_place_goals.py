@@ -10,7 +10,8 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.planning.collision.convex_solids import Box, Solid
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
-from twin_diagram.planning.tasks.place_goals import borne, check_places, depth_inside
+from twin_diagram.planning.tasks.bearing import borne, depth_inside
+from twin_diagram.planning.tasks.place_goals import check_places
 from twin_diagram.scenario import Pose, TaskStep
 from twin_diagram.scenario.resources import resolve
 
@@ -76,6 +77,27 @@ def test_a_goal_with_nothing_below_it_is_refused(library: dict[str, Asset]) -> N
     lying = placing(0.5, 0.07)
     lying.steps[1].goal = Pose(translation=[0.5, 0.2, 0.034], rpy=[1.5708, 0.0, 0.0])
     check_places(lying, library, table)
+
+
+def test_upon_another_it_must_touch_that(library: dict[str, Asset]) -> None:
+    """Whichever way that lies then; no fixture counts."""
+    boxes = library | {"box": Asset.load(resolve("objects/cracker_box"))}
+    table = fixture_solids([scenario.Fixture("scenes/table.sdf")])
+
+    def upon(below: str, above: str, *translation: float) -> scenario.Task:
+        goal = Pose(translation=list(translation))
+        return scenario.Task(steps=[TaskStep(kind="pick", object=above), TaskStep(kind="place", upon=below, goal=goal)])
+
+    on_top = HALF + 0.105
+    for good in (upon("box", "can", 0, 0, on_top), upon("box", "can", 0.0, 0.05, on_top + 0.009)):
+        check_places(good, boxes, table)
+    check_places(upon("can", "box", 0, 0, on_top), boxes, table)
+    for inside in (upon("box", "can", 0, 0, 0.105), upon("can", "box", 0, 0, 0.105)):
+        with pytest.raises(ScenarioError, match=r"steps\.1\.goal: .* would stand [0-9.]+ mm inside"):
+            check_places(inside, boxes, table)
+    for beside in (upon("box", "can", 0, 0, on_top + 0.012), upon("can", "box", 0, 0, 0.3)):
+        with pytest.raises(ScenarioError, match=r"steps\.1\.goal: .* mm off .* more than 10 mm"):
+            check_places(beside, boxes, table)
 
 
 def test_what_is_beside_bears_nothing() -> None:

@@ -72,7 +72,8 @@ class Shapes:
         things: of each unknown thing the corners (V, 3) of its convex pieces in W [m].
         held: the library's object in the hand, or `ARM`.
         X_TO: (7) of that in the tool's frame.
-        on_support: what is held may touch what stands still.
+        on_support: what is held may touch what stands still, and …
+        support: … the library's object that bears it, or `ARM`.
     """
 
     present: Booleans
@@ -81,6 +82,7 @@ class Shapes:
     held: int = ARM
     X_TO: Array | None = None
     on_support: bool = False
+    support: int = ARM
 
 
 class DrakeDistances:
@@ -142,7 +144,7 @@ class DrakeDistances:
         self.finger_count: Final = len(fingers)
         self._followers: Final = Followers.of(self._plant, self._arm)
         self._hung: list[tuple[int, list[GeometryId]]] = [(0, []) for _ in range(count)]
-        self._filtered: tuple[int, bool] | None = None
+        self._filtered: tuple[int, bool, int] | None = None
         self._held, self._X_TO = ARM, np.eye(4)
         for k, pieces in enumerate(self._pieces):
             self._hang(k, k + 1, pieces)
@@ -202,8 +204,9 @@ class DrakeDistances:
         self._held = around.held
         if around.held != ARM:
             self._X_TO = as_matrix(cast(Array, around.X_TO))
-        if self._filtered != (around.held, around.on_support):
-            self._filter(around.held, around.on_support)
+        touched = around.on_support, around.support
+        if self._filtered != (around.held, *touched):
+            self._filter(around.held, *touched)
 
     def near(
         self, q: Array, v: Array, fingers: Array | None, present: Booleans, X_WO: Array, within: float
@@ -320,7 +323,7 @@ class DrakeDistances:
         self._hung[slot] = mark, shapes
         self._filtered = None
 
-    def _filter(self, held: int, on_support: bool) -> None:
+    def _filter(self, held: int, on_support: bool, support: int) -> None:
         """Let the arm, and what it holds, meet all that is not the arm; what it holds not the arm's own shapes."""
         slots = [shape for _, shapes in self._hung for shape in shapes]
         others = GeometrySet([*slots, *self._still_shapes])
@@ -329,12 +332,13 @@ class DrakeDistances:
         rules = rules.ExcludeBetween(GeometrySet(self._based), others)
         if held != ARM:
             mine = GeometrySet(self._hung[held][1])
-            rest = [shape for k, (_, shapes) in enumerate(self._hung) for shape in shapes if k != held]
+            free = (held, support) if on_support else (held,)
+            rest = [shape for k, (_, shapes) in enumerate(self._hung) for shape in shapes if k not in free]
             if not on_support:
                 rest += self._still_shapes
             rules = rules.ExcludeBetween(mine, arm).AllowBetween(mine, GeometrySet(rest))
         self._scene_graph.collision_filter_manager(self._shapes).Apply(rules)
-        self._filtered = held, on_support
+        self._filtered = held, on_support, support
 
 
 def _ball(inspector: SceneGraphInspector, shape: GeometryId) -> tuple[Array, float]:

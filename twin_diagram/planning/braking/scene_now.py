@@ -123,7 +123,7 @@ def read_scene(
     whole = tuple(thing.pieces for thing in seen)
     shapes = Shapes(
         present, tuple(kinds.tolist()), whole, ARM if held.held == NOTHING else held.held, held.X_TO,
-        held.on_support,
+        held.on_support, held.support,
     )  # fmt: skip
     own = None if fingers is None or not np.isfinite(fingers).all() else fingers[: len(fingers) // 2]
     others = radii[kinds] if len(radii) else np.zeros(further)

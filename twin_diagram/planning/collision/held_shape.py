@@ -46,7 +46,7 @@ def holding(scene: Scene, pieces_O: Sequence[Array], hand: Hand) -> Scene:
     Args:
         scene: with an empty hand.
         pieces_O: corners (m, 3) of the object's convex pieces [m].
-        hand: what is held, and whether that may touch what stands still.
+        hand: what is held, and whether that may touch what stands still, and what bears it.
     """
     n = scene.chain.size
     X_TO = as_matrix(hand.X_TO)
@@ -61,7 +61,9 @@ def holding(scene: Scene, pieces_O: Sequence[Array], hand: Hand) -> Scene:
             radii.append(radius + grown)
     count = len(radii)
     cover = Balls(np.array(centres), np.array(radii), np.full(count, n), np.zeros(count, int), np.zeros((0, 2), int))
-    unseen = range(scene.fixture_count) if hand.on_support else ()
+    unseen = list(range(scene.fixture_count)) if hand.on_support else []
+    if hand.on_support and hand.support != NOTHING:
+        unseen.append(scene.fixture_count + hand.support)
     return replace(scene, clearance=scene.clearance.carrying(cover, n - TUNING.links_apart, unseen))
 
 

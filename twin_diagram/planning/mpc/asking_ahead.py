@@ -11,7 +11,7 @@ from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.paths.guide import Guide, Question
 from twin_diagram.planning.paths.inverse_kinematics import IkTuning
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.hand import Hand
+from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.pose_vectors import errors
 
 
@@ -52,7 +52,7 @@ def question_ahead(guide: Guide, memory: Memory, question: Question, after: Arra
         return None
     hand = question.hand
     if hand:  # what it lifts off its support it will have lifted
-        hand = replace(Hand.unpack(np.frombuffer(hand)), on_support=False).pack().tobytes()
+        hand = replace(Hand.unpack(np.frombuffer(hand)), on_support=False, support=NOTHING).pack().tobytes()
     return replace(question, q=end, goal=after.copy(), goals=memory.goals[:0], more_goals=True, hand=hand)
 
 

@@ -31,5 +31,5 @@ def goal_after(state: TaskState, seen: StepView, steps: Sequence[Step], library:
         if step.kind == "reach":
             return step.goal
         if step.kind == "place" and state.hand.held != NOTHING:
-            return above_place(state, step, library, seen.X_WT)
+            return above_place(state, seen, step, library)
     return np.zeros(POSE_SIZE)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin_diagram.planning.tasks.bearing import bearer
 from twin_diagram.planning.tasks.grasp_choice import TUNING as GRASP_CHOICE
 from twin_diagram.planning.tasks.grasp_choice import between_fingers, choices
 from twin_diagram.planning.tasks.grasp_from_above import centred, reached
@@ -162,7 +163,7 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     pieces = reached(known.pieces, X_TO) if held is None else (held,)
     doubt = R_TW @ track.covariance @ R_TW.T
     X_TO, covariance = centred(X_TO, doubt, pieces, TUNING.finger_error)
-    hand = Hand(step.target, NOTHING, True, X_TO, covariance)
+    hand = Hand(step.target, NOTHING, True, X_TO, covariance, support=bearer(seen, step, library))
     state = replace(state, hand=hand, elsewhere=0, image=track.last_seen, past=no_past()).noting(Note.GRASPED, seen.now)
     state = replace(state, lies=closing_on(X_TO, doubt, seen))
     return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, _rise(seen, step, library)])))
@@ -171,7 +172,7 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
 def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Go up; off its support the object may not touch it any more."""
     if state.hand.on_support and seen.X_WT[6] > state.grasp[6] + TUNING.clear:
-        state = replace(state, hand=replace(state.hand, on_support=False))
+        state = replace(state, hand=replace(state.hand, on_support=False, support=NOTHING))
     # Once it is up, where it goes sideways is no matter of this step.
     up = seen.X_WT[6] > state.goal[6] - TUNING.passing
     return done(state, seen.now) if up else state

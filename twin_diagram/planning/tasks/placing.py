@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from twin_diagram.planning.tasks.bearing import bears, place_now
 from twin_diagram.planning.tasks.picking import before_grasp
 from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed
 from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState, Why
@@ -15,7 +16,8 @@ from twin_diagram.planning.tasks.step_view import StepView, Takeable
 from twin_diagram.planning.tasks.watching_hand import put_down
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.hand import Hand
+from twin_diagram.signals.hand import NOTHING, Hand
+from twin_diagram.signals.layouts import POSE_SIZE, ObjectStatus
 from twin_diagram.signals.pose_vectors import compose, errors, inverse, moved
 
 RAISED: Final = np.array([0.0, 0.0, TUNING.raised])
@@ -23,31 +25,55 @@ RAISED: Final = np.array([0.0, 0.0, TUNING.raised])
 
 
 def carrying(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
-    """Set off to above the place."""
-    last = _last(state, step, library, seen.X_WT)
+    """Set off to above the place; where that is not known yet, rest until it is."""
+    last = _last(state, seen, step, library, seen.X_WT)
+    if last is None:
+        return state.entering(Phase.CARRY, seen.now)
+    if not _borne(seen, step, library):
+        return fail(state, seen, Why.NO_STAND)
     state = replace(state, grasp=last)
     return state.entering(Phase.CARRY, seen.now, moved(last, RAISED))
 
 
-def above_place(state: TaskState, step: Step, library: Sequence[Takeable], near: Array) -> Array:
-    """Return where what is held is carried to (7), above its place, turned as at `near` (7) where that is free."""
-    return moved(_last(state, step, library, near), RAISED)
+def above_place(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> Array:
+    """Return where what is held is carried to (7), above its place; zeros: that is not known."""
+    last = _last(state, seen, step, library, seen.X_WT)
+    return np.zeros(POSE_SIZE) if last is None else moved(last, RAISED)
 
 
-def _last(state: TaskState, step: Step, library: Sequence[Takeable], near: Array) -> Array:
-    """Return where the tool is to let go (7), turned as at `near` (7) where the object looks the same all around."""
-    goal = step.goal.copy()
+def _last(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable], near: Array) -> Array | None:
+    """Return where the tool is to let go (7), turned as at `near` (7) where the object looks the same all around.
+
+    None where what is to bear it is not seen.
+    """
+    goal = place_now(seen, step)
+    if goal is None:
+        return None
     if library[step.target].symmetric:
         goal[:4] = rotations.fold_about_z(goal[:4], compose(near, state.hand.X_TO)[:4])
     last = compose(goal, inverse(state.hand.X_TO))
     up_T = rotations.matrix(last[:4])[2]
-    doubt = TUNING.drop_sigmas * float(np.sqrt(max(0.0, up_T @ state.hand.covariance[3:, 3:] @ up_T)))
+    variance = up_T @ state.hand.covariance[3:, 3:] @ up_T
+    if step.support != NOTHING:
+        variance += seen.tracks[step.support].covariance[5, 5]
+    doubt = TUNING.drop_sigmas * float(np.sqrt(max(0.0, variance)))
     return moved(last, np.array([0.0, 0.0, TUNING.drop + min(doubt, TUNING.drop_doubt)]))
 
 
-def _as_it_lies(state: TaskState, step: Step, library: Sequence[Takeable], above: Array) -> TaskState:
-    """Return the state with the goal, `above` (3) where to let go, as the object lies in the hand by now."""
-    last = _last(state, step, library, state.grasp)
+def _borne(seen: StepView, step: Step, library: Sequence[Takeable]) -> bool:
+    """Tell whether an object stands where it is to be put upon another, as that lies now."""
+    if step.support == NOTHING:
+        return True
+    X_WU = seen.tracks[step.support].pose
+    above, below = library[step.target].pieces, library[step.support].pieces
+    return bears(above, compose(X_WU, step.goal), below, X_WU, step.position_tolerance)
+
+
+def _as_it_lies(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable], above: Array) -> TaskState:
+    """Return the state with the goal, `above` (3) where to let go, as the object, and what bears it, lie by now."""
+    last = _last(state, seen, step, library, state.grasp)
+    if last is None:
+        return state
     off, angle = errors(state.grasp, last)
     if off < TUNING.told_step and angle < TUNING.told_turn:
         return state
@@ -55,19 +81,33 @@ def _as_it_lies(state: TaskState, step: Step, library: Sequence[Takeable], above
 
 
 def carry(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
-    """Go to above the place."""
-    state = _as_it_lies(state, step, library, RAISED)
-    if not passed(state, seen, step):
+    """Go to above the place; further down only where what is to bear the object rests, and does bear it."""
+    if not state.goal.any():
+        return carrying(state, seen, step, library)
+    state = _as_it_lies(state, seen, step, library, RAISED)
+    if not passed(state, seen, step) or not rests(seen, step):
         return state
+    if not _borne(seen, step, library):
+        return fail(state, seen, Why.NO_STAND)
     hand = replace(state.hand, on_support=True, X_TO=state.lies.X_TO, covariance=state.lies.pose_covariance)
-    state = replace(state, hand=hand)
-    last = _last(state, step, library, state.grasp)
+    state = replace(state, hand=replace(hand, support=step.support))
+    last = _last(state, seen, step, library, state.grasp)
+    assert last is not None
     return replace(state, grasp=last).entering(Phase.LOWER, seen.now, last)
+
+
+def rests(seen: StepView, step: Step) -> bool:
+    """Tell whether what is to bear an object is known to stand still, well enough to put it there."""
+    if step.support == NOTHING:
+        return True
+    track = seen.tracks[step.support]
+    known = track.status in (ObjectStatus.TRACKED, ObjectStatus.STALE)
+    return known and float(np.linalg.eigvalsh(track.covariance[3:, 3:])[-1]) < TUNING.vague**2
 
 
 def lower(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Go down to the place, and let go there."""
-    state = _as_it_lies(state, step, library, np.zeros(3))
+    state = _as_it_lies(state, seen, step, library, np.zeros(3))
     state, there = arrived(state, seen, step, TUNING.slow)
     if not there:
         return state

@@ -70,6 +70,8 @@ class Why(IntEnum):
     NO_WAY_DOWN = 9
     NO_WAY = 10
     NOT_WHERE_PUT = 11
+    NO_SUPPORT = 12
+    NO_STAND = 13
 
 
 SENTENCES: Final = {
@@ -84,6 +86,8 @@ SENTENCES: Final = {
     Why.SEEN_ELSEWHERE: "what was held is seen elsewhere: it is lost",
     Why.NO_WAY: "the hand found no way to this grasp",
     Why.NOT_WHERE_PUT: "once let go it is seen elsewhere than where it was put: it fell, or rolled away",
+    Why.NO_SUPPORT: "what it is to stand upon is not seen, or not seen at rest",
+    Why.NO_STAND: "it would not stand there: what it is to stand upon lies otherwise, and does not bear its middle",
     Why.NO_WAY_DOWN: "something is in the way from above it down to the grasp",
 }
 """Each of `Why`, for people."""
@@ -124,6 +128,7 @@ class Step:
         kind: see `task_steps.KINDS`.
         target: number of its object in the library, or `NOTHING`.
         goal: (7) pose, zeros where there is none.
+        support: number of the object that a `place` puts its own upon, or `NOTHING`.
     """
 
     kind: str
@@ -135,6 +140,7 @@ class Step:
     seconds: float
     tries: int
     force: float
+    support: int = NOTHING
 
 
 def steps_of(task: scenario.Task, names: Sequence[str]) -> tuple[Step, ...]:
@@ -163,6 +169,7 @@ def steps_of(task: scenario.Task, names: Sequence[str]) -> tuple[Step, ...]:
                 each.seconds,
                 each.tries,
                 each.force,
+                names.index(each.upon) if each.upon else NOTHING,
             )
         )
     return tuple(result)

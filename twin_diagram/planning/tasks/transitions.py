@@ -69,6 +69,8 @@ def _late(state: TaskState, seen: StepView, step: Step) -> Why:
     """Say why a step came to its time limit."""
     if state.phase is Phase.LOOK:
         return Why.NOT_SEEN if seen.tracks[step.target].status == ObjectStatus.UNSEEN else Why.TARGET_LOST
+    if state.phase is Phase.CARRY and not placing.rests(seen, step):
+        return Why.NO_SUPPORT
     return Why.TARGET_LOST if state.phase is Phase.WAIT else Why.TIME_LIMIT
 
 

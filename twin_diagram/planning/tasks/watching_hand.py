@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin_diagram.planning.tasks.bearing import place_now
 from twin_diagram.planning.tasks.in_hand import HeldImage, InHand, after_image, closed_on
 from twin_diagram.planning.tasks.slips import slipped
 from twin_diagram.planning.tasks.step_ends import TUNING
@@ -56,7 +57,10 @@ def put_down(state: TaskState, seen: StepView, step: Step) -> TaskState:
     measurement = seen.measured[step.target]
     if not (measurement.quality >= TUNING.fits and measurement.time > state.image):
         return state
-    off = float(np.linalg.norm(measurement.pose[4:] - step.goal[4:]))
+    place = place_now(seen, step)
+    if place is None:
+        return state
+    off = float(np.linalg.norm(measurement.pose[4:] - place[4:]))
     away = off > TUNING.misplaced + _doubt(measurement)
     return replace(state, image=measurement.time, elsewhere=state.elsewhere + 1 if away else 0)
 
