@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin_diagram.logs import Log, fingerprint
-from twin_diagram.logs.spikes import unspiked
+from twin_diagram.logs.spikes import spikes, unspiked
 
 
 def swung(noise: float) -> Log:
@@ -37,3 +37,19 @@ def test_garbled_samples_are_what_their_neighbours_say() -> None:
         "log: 2 sample(s) of torque_measured of b leap away and back; they are taken as lost",
     ]
     assert fingerprint(found) == fingerprint(Log(log.time, log.joints, position, log.velocity, torque))
+
+
+def test_more_leaps_than_a_few_are_what_the_signal_does() -> None:
+    """A brake that chatters, say: 12 of 4000 samples are lost messages, 15 are not."""
+    log = swung(0.5)
+    for count, kept in ((12, False), (15, True)):
+        torque = log.motor_torque.copy()
+        torque[100 : 100 + 120 * count : 120, 0] += 900.0
+        garbled = Log(log.time, log.joints, log.position, log.velocity, torque)
+        assert (unspiked(garbled)[0] is garbled) == kept
+
+
+def test_a_good_sample_between_two_garbled_ones_is_not_the_one_that_leaps() -> None:
+    values = swung(0.5).motor_torque.copy()
+    values[[1000, 1002], 0] = 900.0, 800.0
+    assert spikes(values)[1000, 0] and not spikes(values)[1001, 0]

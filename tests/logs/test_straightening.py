@@ -44,3 +44,13 @@ def test_stamps_that_are_later_than_the_next_ones_time_are_counted() -> None:
     position = np.sin(2.0 * even)[:, None]
     found = straightened(Log(late, ("a",), position, torque=position))
     np.testing.assert_allclose(found.time, even, atol=5e-4)
+
+
+def test_a_pause_of_the_log_is_not_spread_over_all_its_stamps() -> None:
+    """Nothing was sent while the joint rested: the stamps are late on even times with a gap, and not on a line."""
+    rng = np.random.default_rng(7)
+    even = np.concatenate([0.004 * np.arange(750), 4.0 + 0.004 * np.arange(750)])
+    late = even + rng.uniform(-0.001, 0.001, len(even))
+    position = np.sin(2.0 * np.minimum(even, 3.0) + 2.0 * np.maximum(even - 4.0, 0.0))[:, None]
+    found = straightened(Log(late, ("a",), position, torque=position))
+    np.testing.assert_allclose(found.time, even, atol=5e-4)

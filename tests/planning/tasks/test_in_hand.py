@@ -13,6 +13,7 @@ from twin_diagram.planning.tasks.slips import TUNING as SLIPS
 from twin_diagram.planning.tasks.slips import slipped, told_of
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.calibration_error import pose_shifts
 from twin_diagram.signals.pose_vectors import compose, errors
 
 QUIET = Carry(noise=(0.002, 0.0002), waves=(0.001, 0.0001), late=0.0, camera=EXACT)
@@ -155,3 +156,29 @@ def test_it_is_a_vector_and_back() -> None:
     np.testing.assert_array_equal(InHand.unpack(known.pack()).pack(), known.pack())
     for name, value in vars(known).items():
         np.testing.assert_array_equal(getattr(InHand.unpack(known.pack()), name), value)
+
+
+def test_a_calibration_that_is_told_better_meanwhile_is_no_move_in_the_hand() -> None:
+    """What is taken out of the images from then on was in where it was told to lie at closing."""
+    X_WT, X_TO, better = Carry().tool(0.0), np.array([*DOWN, 0.0, 0.0, 0.02]), np.zeros(10)
+    better[3:6] = 0.004
+    eye = replace(Carry().eye(), covariance=1e-8 * np.eye(10))
+    known = closed_on(X_TO, 1e-6 * np.eye(6), X_WT, eye, 0.0)
+    (shift,) = pose_shifts(((compose(X_WT, X_TO)[4:] - eye.p_WC) @ eye.R_WC)[None], eye.R_WC, *eye.focal)
+    X_WO = compose(X_WT, X_TO) - np.concatenate([np.zeros(4), (shift @ better)[3:]])
+    for k in range(1, 12):
+        shown = HeldImage(k * PERIOD, X_WO, 1e-6 * np.eye(6), X_WT, np.zeros(6))
+        known = after_image(known, shown, replace(eye, errors=better))
+    assert np.linalg.norm((shift @ better)[3:]) > 0.004
+    np.testing.assert_allclose(known.change[0], 0.0, atol=2e-5)
+
+
+def test_what_lies_within_its_doubt_is_no_slip() -> None:
+    for sigma, slips in ((0.0015, False), (0.0003, True)):
+        known, told = _held(), 0
+        for _ in range(11):
+            mean, P = known.mean.copy(), known.covariance.copy()
+            mean[11], P[6:12, 6:12] = 0.0055, sigma**2 * np.eye(6)  # 5.5 mm: more than a slip's least
+            known, one = slipped(replace(known, mean=mean, covariance=P, before=mean[6:12]))
+            told += one is not None
+        assert bool(told) == slips

@@ -6,7 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, DepthRange, Ellipsoid, GeometryInstance, PerceptionProperties, Rgba, SceneGraph
+from pydrake.geometry import (
+    Box,
+    DepthRange,
+    Ellipsoid,
+    GeometryInstance,
+    Mesh,
+    PerceptionProperties,
+    Rgba,
+    SceneGraph,
+)
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -86,7 +95,7 @@ def test_labels_are_drakes_but_at_edges(both: tuple[WorldRenderer, WorldRenderer
     assert theirs.sum() > 500 and (ours != theirs).sum() < 0.02 * theirs.sum()
 
 
-def world_of(*shapes: tuple[Box | Ellipsoid, RigidTransform]) -> tuple[SceneGraph, DrawnWorld | None]:
+def world_of(*shapes: tuple[Box | Ellipsoid | Mesh, RigidTransform]) -> tuple[SceneGraph, DrawnWorld | None]:
     """A world of shapes that stand still, grey, and what draws it."""
     plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
     source = plant.RegisterAsSourceForSceneGraph(scene_graph)
@@ -167,6 +176,24 @@ def test_what_is_before_the_camera_is_cut_off() -> None:
 
 def test_shapes_of_another_kind_are_left_to_drake() -> None:
     assert world_of((Ellipsoid(0.1, 0.2, 0.3), RigidTransform()))[1] is None
+
+
+def test_an_asset_that_was_built_anew_is_drawn_with_its_new_texture(tmp_path: Path) -> None:
+    """What was read of its files before, in the same process, is that of the old one."""
+    import cv2
+
+    name = tmp_path / "visual.obj"
+    name.write_text(
+        "mtllib visual.mtl\nusemtl surface\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\n"
+        "f 1/1/1 2/2/1 3/3/1\n"
+    )
+    (tmp_path / "visual.mtl").write_text("newmtl surface\nmap_Kd visual.png\n")
+    for colour in (40, 200):
+        cv2.imwrite(str(tmp_path / "visual.png"), np.full((4, 4, 3), colour, np.uint8))
+        scene_graph, _ = world_of((Mesh(str(name)), RigidTransform()))
+        found = drawn_shapes(scene_graph)
+        assert found is not None
+        np.testing.assert_array_equal(found.texels, colour)
 
 
 @pytest.mark.parametrize("line", ["Kd 0.5 0.5 0.5", "map_Bump bumps.png", "newmtl other"])

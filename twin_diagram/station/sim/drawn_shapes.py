@@ -18,6 +18,10 @@ from twin_diagram.signals.arrays import Array, Ints
 from twin_diagram.station.sim.merged_shapes import plain_colour, smooth, tessellate
 
 Bytes = npt.NDArray[np.uint8]
+Stamp = tuple[tuple[str, int, int], ...]
+"""Names, times [ns] and sizes of files."""
+FILES = (".obj", ".mtl", ".png")
+"""Suffixes of what a mesh with one texture is made of."""
 
 
 @dataclass(frozen=True)
@@ -127,12 +131,23 @@ def _mesh(shape: Mesh) -> tuple[Any, Bytes] | None:
     source = shape.source()
     if not source.is_path() or source.extension().lower() != ".obj":
         return None
-    return _textured(str(source.path()))
+    path = Path(source.path())
+    try:
+        return _textured(str(path), _stamp(path.parent))
+    except OSError:
+        return None
+
+
+def _stamp(folder: Path) -> Stamp:
+    """Return which files of a folder there are, and of when: an asset that is built anew is read anew."""
+    told = [(file.name, file.stat()) for file in folder.iterdir() if file.suffix.lower() in FILES]
+    return tuple(sorted((name, stat.st_mtime_ns, stat.st_size) for name, stat in told))
 
 
 @lru_cache(maxsize=64)
-def _textured(path: str) -> tuple[Any, Bytes] | None:
+def _textured(path: str, stamp: Stamp) -> tuple[Any, Bytes] | None:
     """Return an OBJ file's mesh and texture; None as in `_mesh`. Kept: several cameras show the same."""
+    del stamp
     try:
         raw = parse_obj(Path(path))
         if len(raw.libraries) != 1 or len(set(raw.materials)) != 1 or not len(raw.vn) or not len(raw.vt):
