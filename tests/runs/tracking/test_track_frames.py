@@ -318,7 +318,9 @@ def test_poses_without_a_heading_are_told_to_lack_it(
     (tmp_path / "init.csv").write_text("0,0,1,1,1 0 0 0 1 0 0 0 1,0 0 500,0\n" * 2)
     assert track(library, scene, tmp_path / "out", "--init", str(tmp_path / "init.csv")) == 2
     error = capsys.readouterr().err.strip()
-    assert error.endswith("init.csv: no BOP result: its first line must name the columns: scene_id,im_id,obj_id,score,R,t,time")
+    assert error.endswith(
+        "init.csv: no BOP result: its first line must name the columns: scene_id,im_id,obj_id,score,R,t,time"
+    )
 
 
 def test_an_obj_id_of_zero_is_one(library: Path, taken: Shots, tmp_path: Path) -> None:
