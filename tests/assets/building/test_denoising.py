@@ -131,6 +131,16 @@ def test_cube_is_measured_to_one_percent(turn: float) -> None:
     assert not found.holds(np.array([[0.3 + 0.17, 0.1, 0.08]])).any()
 
 
+def test_a_cube_is_told_from_a_green_table() -> None:
+    rng = np.random.default_rng(5)
+    cube = cube_cloud(0.17, 0.4, 0.002, rng)
+    rest = rng.uniform(-0.5, 0.5, (40000, 3)) * [2, 2, 0] + [0, 0, 1] * rng.normal(0, 0.003, (40000, 1))
+    points = np.concatenate([cube, rest])
+    found = measure_cube(points, np.tile([0.2, 0.5, 0.25], (len(points), 1)), np.array([0, 0, 1.0, 0]), "cloud")
+    assert found.edge == pytest.approx(0.17, rel=0.02)
+    np.testing.assert_allclose(found.centre, [0.3, 0.1, 0.085], atol=0.004)
+
+
 def test_what_is_no_cube_is_refused() -> None:
     rng = np.random.default_rng(4)
     up, green = np.array([0, 0, 1.0, 0]), np.array([0.1, 0.6, 0.2])

@@ -12,12 +12,13 @@ from tests.assets.building.pictured import Shots, box, cameras, shots
 from twin_diagram.assets.building import cube_faces, levelling
 from twin_diagram.assets.building.cube_outline import outlined_edges
 from twin_diagram.assets.building.cube_scale import Cube, is_green
-from twin_diagram.assets.building.depth_view import make_view, view_points
+from twin_diagram.assets.building.depth_view import DepthView, make_view, view_points
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, without, without_hand, without_remains
 from twin_diagram.assets.building.levelling import levelled
 from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.hand_boxes import Boxes
+from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.signals import rotations
 
 EDGE, AT = 0.04, (0.085, 0.015)
@@ -137,6 +138,34 @@ def test_outlines_tell_the_edge_and_hidden_ones_nothing(taken: Shots) -> None:
         covered[:, int(u) + 4 :] = (200, 40, 40)
         hidden.append(replace(view, rgb=covered))
     assert len(outlined_edges(hidden, Cube(EDGE, np.array([*AT, EDGE / 2]), axes))[0]) == 0
+
+
+def before_a_table(taken: Shots, table: tuple[int, int, int], cube: tuple[int, int, int]) -> list[DepthView]:
+    """The same views, table and cube painted otherwise."""
+    views = []
+    for frame in taken.frames:
+        assert frame.rgb is not None
+        painted = frame.rgb.copy()
+        painted[(frame.rgb == 200).all(axis=-1)] = table
+        painted[(frame.rgb == (30, 170, 50)).all(axis=-1)] = cube
+        views.append(make_view(frame.camera, frame.depth, None, painted))
+    return views
+
+
+def test_outlines_before_what_is_green_tell_nothing() -> None:
+    """A cube of 40 mm on a green table was measured as 65 mm, and the object with it."""
+    above = ViewCamera(200, 160, 300.0, 300.0, 99.5, 79.5, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.4]))
+    view = make_view(above, np.full((160, 200), 0.4, np.float32), None, np.full((160, 200, 3), (30, 170, 50), np.uint8))
+    edges, _ = outlined_edges([view], Cube(EDGE, np.array([0.0, 0.0, EDGE / 2]), np.eye(3)))
+    assert not len(edges)
+
+
+def test_outlines_before_what_is_nearly_green_are_whole_pixels(taken: Shots) -> None:
+    """Before a cyan table the cube looked 3 % too small where shade lies on it."""
+    c, s = np.cos(0.3), np.sin(0.3)
+    cube = Cube(EDGE, np.array([*AT, EDGE / 2]), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))
+    edges, _ = outlined_edges(before_a_table(taken, (40, 190, 180), (10, 60, 20)), cube)
+    assert len(edges) >= 4 and np.median(edges) == pytest.approx(EDGE, rel=0.006)
 
 
 def test_where_the_cube_stands_nothing_else_is() -> None:

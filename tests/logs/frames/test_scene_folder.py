@@ -283,6 +283,13 @@ def test_a_mask_of_the_whole_picture_is_refused(folder: Path) -> None:
         FrameFolder(folder).read(0)
 
 
+def test_an_inverted_mask_is_refused(folder: Path) -> None:
+    path = min((folder / "mask_visib").iterdir())
+    cv2.imwrite(str(path), 255 - cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+    with pytest.raises(FramesError, match="% of the picture and its four corners; is it inverted"):
+        FrameFolder(folder).read(0)
+
+
 def test_masks_of_several_things_are_passed_over_where_none_are_asked_for(folder: Path) -> None:
     shutil.copy(folder / "mask_visib/000001_000000.png", folder / "mask_visib/000001_000001.png")
     frames = FrameFolder(folder, masked=False)

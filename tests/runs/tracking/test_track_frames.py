@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import shutil
 from dataclasses import replace
@@ -309,6 +310,27 @@ def test_frames_without_times_are_told_to_be_a_second_apart(
         assert track(library, frames, tmp_path / "out") == 0
         assert ("1 s apart" in capsys.readouterr().err) == (not times)
         (frames / "times.json").unlink(missing_ok=True)
+
+
+def test_poses_without_a_heading_are_told_to_lack_it(
+    library: Path, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "init.csv").write_text("0,0,1,1,1 0 0 0 1 0 0 0 1,0 0 500,0\n" * 2)
+    assert track(library, scene, tmp_path / "out", "--init", str(tmp_path / "init.csv")) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.endswith(
+        "init.csv: no BOP result: its first line must name the columns: scene_id,im_id,obj_id,score,R,t,time"
+    )
+
+
+def test_an_obj_id_of_zero_is_one(library: Path, taken: Shots, tmp_path: Path) -> None:
+    own = shutil.copytree(library, tmp_path / "library")
+    told = own / "brick" / "asset.yaml"
+    told.write_text(told.read_text() + "\nobj_id: 0\n")
+    frames = folder_of(Shots(taken.frames[:1]), tmp_path / "frames")
+    assert track(own, frames, tmp_path / "out") == 0
+    (row,) = csv.DictReader((tmp_path / "out" / "poses.csv").read_text().splitlines())
+    assert row["obj_id"] == "0"
 
 
 @pytest.mark.parametrize(("grey", "said"), [(True, "no rgb/, gray/ is read"), (False, "no rgb/, nor gray/")])

@@ -40,6 +40,9 @@ class Tuning:
     pixels: float = 0.35
     """Standard deviation of where an outline's opposite sides lie together [pixel]: blur, shade, grid."""
 
+    green_behind: float = 0.4
+    """Of what is green, by more than this share of the cube's, behind an outline each pixel counts whole."""
+
 
 TUNING = Tuning()
 
@@ -90,6 +93,8 @@ def _looks(view: DepthView, cube: Cube) -> tuple[float, float] | None:
     green = _at(is_green(shown), inside)
     if green is None or _at_border(green, low, (width, height)):
         return None
+    if green[[0, -1]].any() or green[:, [0, -1]].any():  # what is behind it, such as the table, is green too
+        return None
     share = _covered(shown, green)
     ratio = float(np.sqrt(share.sum() / expected))
     middle = np.array([(share * grid).sum() for grid in np.indices(share.shape)][::-1]) / share.sum()
@@ -130,8 +135,10 @@ def _covered(shown: Array, green: Mask) -> npt.NDArray[np.float64]:
     _, other = ndimage.distance_transform_edt(~beyond, return_indices=True)
     hue = shown[..., 1] - (shown[..., 0] + shown[..., 2]) / 2  # light and dark of what is grey have the same: none
     near, far = hue[tuple(own)], hue[tuple(other)]
-    mixed = (hue - far) / np.maximum(near - far, 0.05)
-    return np.where(core, 1.0, np.where(beyond, 0.0, np.clip(mixed, 0.0, 1.0)))
+    mixed = np.clip((hue - far) / np.maximum(near - far, 0.05), 0.0, 1.0)
+    # Before what is nearly as green, such as a cyan table, hue tells no shares.
+    mixed = np.where(far < TUNING.green_behind * near, mixed, green)
+    return np.where(core, 1.0, np.where(beyond, 0.0, mixed))
 
 
 def _raster(hull: Array, size: tuple[int, ...]) -> npt.NDArray[np.float64]:

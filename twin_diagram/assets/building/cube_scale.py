@@ -40,6 +40,14 @@ class Tuning:
     gap: float = 3.0
     """Gap between two things, in distances of neighbours in one."""
 
+    sheet: float = 0.02
+    """What is green is mostly the support if half of it lies within this share of its extent of the plane: of a cube
+    that is half its height."""
+
+    on: float = 15.0
+    """Then what is no farther from the plane than this times the quarter that is nearest to it is the support's: five
+    standard deviations. In no unit, as the scene has none yet."""
+
     unequal: float = 0.08
     """By how much its edges may differ, as a share; more is no cube, …"""
 
@@ -99,6 +107,7 @@ def rough_cubes(points: Array, colours: Array, plane: Array, where: str) -> list
 def _cubes(points: Array, colours: Array, plane: Array, where: str, unequal: float) -> list[Cube]:
     """Return all green things that are cubes, their edges different by no more than a share."""
     green = points[is_green(colours)]
+    green = green[~_of_green_support(green, plane)]
     if len(green) < TUNING.least_points:
         raise FramesError(
             f"{where}: no green cube: {len(green)} green points, {TUNING.least_points} are needed for --cube-edge"
@@ -113,6 +122,16 @@ def _cubes(points: Array, colours: Array, plane: Array, where: str, unequal: flo
     if not found:
         raise wrong or FramesError(f"{where}: no green cube: what is green is scattered")
     return found
+
+
+def _of_green_support(green: Array, plane: Array) -> npt.NDArray[np.bool_]:
+    """Return (N,), which green points (N, 3) are the support's own; none, where it is not most of what is green."""
+    if not len(green):
+        return np.zeros(0, dtype=bool)
+    height = np.abs(green @ plane[:3] - plane[3])
+    if np.median(height) > TUNING.sheet * float(np.ptp(green, axis=0).max()):
+        return np.zeros(len(green), dtype=bool)
+    return np.asarray(height < TUNING.on * float(np.quantile(height, 0.25)))
 
 
 def _things(points: Array) -> list[Array]:

@@ -34,6 +34,9 @@ class Tuning:
     rotation: float = 2e-3
     """How far R Rᵀ may be off the identity: printed with three digits it still passes, a wrong matrix does not."""
 
+    most_masked: float = 0.5
+    """A mask of a larger share of the picture, and of its four corners, is the background's: it is inverted."""
+
 
 TUNING = Tuning()
 
@@ -110,8 +113,8 @@ class FrameFolder:
         self._intrinsics = {number: self._matrix(number) for number in self.numbers}
         self.times = self._read_times()
         self._extra = read_extra(self.folder)
-        own = self._extra.depth_scale
-        self._scales = {number: self._scale(number) if own is None else own for number in self.numbers}
+        told = self._extra.depth_scale
+        self._scales = {number: self._scale(number) if told is None else told for number in self.numbers}
         self.calibration = self._extra.calibration
         self._sizes: dict[str, tuple[int, ...]] = {}
 
@@ -253,7 +256,7 @@ def read_mask(path: Path, size: tuple[int, ...] | None = None) -> Mask:
     """Return (h, w), where an image is not black; of one that is cut out, where that is not transparent.
 
     Raises:
-        FramesError: not readable, empty, full, or not of `size` (h, w) where one is told.
+        FramesError: not readable, empty, full, inverted, or not of `size` (h, w) where one is told.
     """
     image = read_image(path, cv2.IMREAD_UNCHANGED)
     layers = image.reshape(*image.shape[:2], -1)
@@ -264,6 +267,11 @@ def read_mask(path: Path, size: tuple[int, ...] | None = None) -> Mask:
         raise FramesError(f"{path}: the mask is empty; leave out frames that do not show the object")
     if mask.all():
         raise FramesError(f"{path}: the mask holds the whole picture; it must be black where the object is not")
+    if mask[[0, 0, -1, -1], [0, -1, 0, -1]].all() and mask.mean() > TUNING.most_masked:
+        raise FramesError(
+            f"{path}: the mask holds {100 * mask.mean():.0f} % of the picture and its four corners; is it inverted? It "
+            "must be black where the object is not"
+        )
     if size is not None and mask.shape != size:
         raise FramesError(f"{path}: {_said(mask.shape)}, the picture is {_said(size)}")
     return np.asarray(mask)

@@ -55,6 +55,13 @@ class Tuning:
     no_rotation: float = 1e-3
     """A matrix that is off by more is no rotation: single precision leaves 1e-6."""
 
+    largest: float = 5.0
+    """An object of a longer edge is told in another unit [m]."""
+
+    inward: float = -0.5
+    """Mean of how far normals point from the middle of their points, as a share of its absolute value, below which
+    they point inwards: outward ones of a closed surface have a positive one, which is its volume."""
+
     far: float = 20.0
     """Depth beyond this is none [m]: no depth camera for a table sees so far, and millimetres read as metres do."""
 
@@ -71,7 +78,8 @@ class PoseFromArrays:
         covariance: (6, 6) of rotation [rad] and translation [m]: left perturbation in C about the object's origin.
         quality: share of the visible surface that fits, 0 to 1.
         visible_share: of the surface that faces the camera, what nothing hides, 0 to 1.
-        hypotheses: the poses (4, 4) that the image allows with their probabilities, the likeliest first.
+        hypotheses: the poses (4, 4) that the image allows with their probabilities: X_CO, then others, likely ones
+            first. X_CO is the middle of poses that the image tells hardly apart, so another may be likelier.
     """
 
     X_CO: Array
@@ -135,7 +143,12 @@ def _thing(points_O: npt.ArrayLike, normals_O: npt.ArrayLike, colours: npt.Array
     points, normals = _array(points_O, "points_O", (-1, 3)), _array(normals_O, "normals_O", (-1, 3))
     painted = np.full(points.shape, 0.5) if colours is None else _array(colours, "colours", (-1, 3))
     size = np.ptp(points, axis=0) if len(points) else np.zeros(3)
+    if size.max() > TUNING.largest:
+        raise ArgumentError(f"points_O: they span {size.max():.3g} m; metres are wanted")
     cloud = checked_cloud(Cloud(points, normals, painted), size, "points_O")
+    out = ((cloud.points - cloud.points.mean(axis=0)) * cloud.normals).sum(axis=1)
+    if out.sum() < TUNING.inward * np.abs(out).sum():
+        raise ArgumentError("normals_O: they point inwards; outward ones are wanted")
     axis = "z" if round_ else None
     return Asset("given", Path(), cloud.points, cloud.normals, cloud.colours, axis, (), 1.0, size)
 

@@ -54,6 +54,8 @@ NEAREST = 0.01
 """Nor is anything in its focus that is nearer [m]."""
 LEAST_SHOWN = 0.002
 """Share of pixels with depth below which a frame shows neither table nor thing: cameras' first ones may be empty."""
+COLUMNS = "scene_id,im_id,obj_id,score,R,t,time"
+"""Of BOP results."""
 FOCALS = (0.1, 50.0)
 """Focal lengths over the image's size: views of 157° and of 1°."""
 
@@ -196,7 +198,7 @@ def _start(
 
 
 def _write(out: Path, done: list[tuple[list[list[str]], str]]) -> None:
-    table = ["scene_id,im_id,obj_id,score,R,t,time", *(",".join(row) for rows, _ in done for row in rows)]
+    table = [COLUMNS, *(",".join(row) for rows, _ in done for row in rows)]
     atomic_file.write(out / "poses.csv", "".join(line + "\n" for line in table))
     atomic_file.write(out / "objects.jsonl", "".join(line + "\n" for _, line in done))
 
@@ -213,7 +215,8 @@ def _library(library: Path, say: Callable[[str], None], grow: Path | None) -> tu
             say(f"warning: {one.name} is corrupt and left out: {one.wrong}")
             continue
         assets[one.name] = one.asset
-        numbers[one.name] = read_spec(one.asset.folder).obj_id or place
+        own = read_spec(one.asset.folder).obj_id
+        numbers[one.name] = place if own is None else own
     if not assets and grow is None:
         itself = (Path(library) / "asset.yaml").is_file()
         hint = "; it is an asset itself: name the folder that holds it" if itself else ""
@@ -239,6 +242,8 @@ def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> list[tup
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
     except (OSError, UnicodeDecodeError) as error:
         raise FramesError(f"{path}: cannot be read: {error}") from None
+    if rows and "im_id" not in rows[0]:
+        raise FramesError(f"{path}: no BOP result: its first line must name the columns: {COLUMNS}")
     for number, row in enumerate(rows, start=2):
         try:
             image, which, score = int(row["im_id"]), int(row["obj_id"]), float(row.get("score") or 1.0)
