@@ -356,6 +356,25 @@ def test_bodies_of_several_joints_and_frames_of_an_mjcf(tmp_path: Path, included
     np.testing.assert_allclose(smooth, other.inverse_dynamics(q, v, a), atol=1e-9)
 
 
+NESTED = """<mujoco model="arm"><compiler angle="radian"/><default><default class="robot">
+  <joint axis="0 1 0" range="-3 3" armature="0.3"/><geom type="capsule" size="0.04 0.1" density="700"/>
+  <default class="large"><default class="short"><joint range="-1 1"/></default></default>
+  <default class="shape"><default class="thick"><geom size="0.06 0.1"/></default></default>
+</default></default><worldbody>
+  <body name="upper" childclass="robot"><joint name="shoulder" class="large"/><geom class="shape"/>
+    <body name="lower" pos="0.3 0 0"><joint name="elbow" class="short"/><geom class="thick" pos="0.1 0 0"/>
+  </body></body></worldbody></mujoco>"""
+
+
+def test_classes_of_an_mjcf_hold_what_those_around_them_say(tmp_path: Path) -> None:
+    """Drake forgets it where a class has no element of its own: a UR5e's shoulder turned about z, without a limit."""
+    (tmp_path / "arm.xml").write_text(NESTED)
+    model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", ("shoulder", "elbow"))
+    np.testing.assert_array_equal(model.upper, [3.0, 1.0])
+    q, v, a = motion(10, 40, 2)
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), other.inverse_dynamics(q, v, a), atol=1e-9)
+
+
 def test_what_frames_of_an_mjcf_may_not_hold(tmp_path: Path) -> None:
     spoilt = SEVERAL.replace('<geom type="box"', '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="box"')
     (tmp_path / "arm.xml").write_text(spoilt)
