@@ -356,6 +356,48 @@ def test_bodies_of_several_joints_and_frames_of_an_mjcf(tmp_path: Path, included
     np.testing.assert_allclose(smooth, other.inverse_dynamics(q, v, a), atol=1e-9)
 
 
+NESTED = """<mujoco model="arm"><compiler angle="radian"/><default><default class="robot">
+  <joint axis="0 1 0" range="-3 3" armature="0.3"/><geom type="capsule" size="0.04 0.1" density="700"/>
+  <general forcerange="-150 150"/>
+  <default class="large"><general forcerange="-28 28"/><default class="short"><joint range="-1 1"/></default></default>
+  <default class="shape"><default class="thick"><geom size="0.06 0.1"/></default></default>
+</default></default><worldbody>
+  <body name="upper" childclass="robot"><joint name="shoulder" class="large"/><geom class="shape"/>
+    <body name="lower" pos="0.3 0 0"><joint name="elbow" class="short"/><geom class="thick" pos="0.1 0 0"/>
+  </body></body></worldbody><actuator><general joint="shoulder" class="robot"/>
+  <general joint="elbow" class="large" gear="2"/></actuator></mujoco>"""
+
+
+def test_classes_of_an_mjcf_hold_what_those_around_them_say(tmp_path: Path) -> None:
+    """Drake forgets it where a class has no element of its own: a UR5e's shoulder turned about z, without a limit."""
+    (tmp_path / "arm.xml").write_text(NESTED)
+    model, other = Model.load(tmp_path / "arm.xml"), Mujoco(tmp_path / "arm.xml", ("shoulder", "elbow"))
+    np.testing.assert_array_equal(model.upper, [3.0, 1.0])
+    np.testing.assert_array_equal(model.effort_limit, [150.0, 56.0])  # Drake passes over `general` motors
+    q, v, a = motion(10, 40, 2)
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), other.inverse_dynamics(q, v, a), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("motors", "limit"),
+    [
+        ('<motor joint="shoulder" ctrlrange="-20 20" gear="10"/>', 200.0),  # Drake: 20
+        ('<motor joint="shoulder" ctrlrange="-20 20" ctrllimited="false"/>', np.inf),  # Drake: 20
+        ('<position joint="shoulder" class="strong" kp="100"/>', 80.0),  # Drake: none
+        ('<general joint="shoulder" gainprm="5" ctrlrange="-3 2" forcerange="-40 40"/>', 15.0),
+        ('<general joint="shoulder" gainprm="5" biastype="affine" ctrlrange="-3 2" forcerange="-40 40"/>', 40.0),
+        ('<velocity joint="shoulder" forcerange="0 0"/>', np.inf),
+    ],
+)
+def test_effort_limits_of_an_mjcf(tmp_path: Path, motors: str, limit: float) -> None:
+    (tmp_path / "arm.xml").write_text(
+        f"""<mujoco model="arm"><default><default class="strong"><general forcerange="-80 80"/></default></default>
+        <worldbody><body name="upper"><joint name="shoulder" axis="0 1 0"/><geom size="0.1" mass="1"/></body>
+        </worldbody><actuator>{motors}</actuator></mujoco>"""
+    )
+    np.testing.assert_array_equal(Model.load(tmp_path / "arm.xml").effort_limit, [limit])
+
+
 def test_what_frames_of_an_mjcf_may_not_hold(tmp_path: Path) -> None:
     spoilt = SEVERAL.replace('<geom type="box"', '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="box"')
     (tmp_path / "arm.xml").write_text(spoilt)

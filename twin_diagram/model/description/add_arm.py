@@ -224,6 +224,8 @@ def add_arm(
             limit = efforts.get(joint.name(), np.inf)
             motor = motors[int(joint.index())] = plant.AddJointActuator(f"{joint.name()}_motor", joint, limit)
             motor.set_default_rotor_inertia(rotors.get(joint.name(), 0.0))
+        elif joint.name() in efforts:
+            motors[int(joint.index())].set_effort_limit(efforts[joint.name()])
     base = _weld_base(plant, instances, arm_joints[0], spec)
     carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, every))]
     last_link = (carrying or arm_joints)[-1].child_body()

@@ -22,6 +22,8 @@ _PREFIX = re.compile(rb"(?<=[<\s/])(\w+):(?=\w[\w.-]*[\s=>/])")
 """`drake:` and its like in names of elements and attributes."""
 _MIMIC = re.compile(r"(?:\{.*\}|\w+_)?mimic")
 """With a namespace that is declared, or one that `_root` made part of the name."""
+_MOTORS = ("general", "motor", "position", "velocity", "intvelocity", "damper")
+"""Of an MJCF: motors at joints; its classes of defaults take them for one kind."""
 _HOW_IT_FOLLOWS = {"multiplier": "1", "offset": "0", "reference": "0"}
 """What is said of a joint that follows: attributes, or SDF's elements; and what counts where they are missing."""
 
@@ -154,12 +156,41 @@ def _held_equal(path: Path) -> dict[str, Following]:
 
 
 def effort_limits(path: Path) -> dict[str, float]:
-    """Return the effort limits of a URDF's joints; Drake itself keeps those of joints with a transmission alone."""
+    """Return the effort limits of a URDF's or MJCF's joints.
+
+    Of a URDF Drake itself keeps those of joints with a transmission alone, of an MJCF those that a `motor` or
+    `position` states itself, without its gear.
+
+    Raises:
+        ModelError: a number that cannot be read.
+    """
+    if path.suffix.lower() == ".xml":
+        try:
+            return dict(_motor_limits(tree(path)))
+        except ValueError as error:
+            raise ModelError(f"{path}: actuator: {error}") from error
     if path.suffix.lower() != ".urdf":
         return {}
     each = [(joint.get("name", ""), joint.find("limit")) for joint in _root(path).iter("joint")]
     efforts = {name: float(limit.get("effort", "0")) for name, limit in each if limit is not None}
     return {name: effort for name, effort in efforts.items() if effort > 0.0}
+
+
+def _motor_limits(root: Element) -> Iterator[tuple[str, float]]:
+    """Yield what each motor of an MJCF gives its joint at most, where that is limited."""
+    limited = "false" if any(each.get("autolimits") == "false" for each in root.findall("compiler")) else "true"
+    classes = _classes(root, _MOTORS)
+    for motor in (motor for actuator in root.iter("actuator") for motor in actuator if motor.get("joint")):
+        said = {"gear": "1", "gainprm": "1", **classes.get(motor.get("class", "main"), {}), **motor.attrib}
+        most = math.inf
+        ranges = {"forcerange": ("forcelimited", 1.0)}
+        if motor.tag == "motor" or (motor.tag == "general" and said.get("biastype", "none") == "none"):
+            ranges["ctrlrange"] = ("ctrllimited", 1.0 if motor.tag == "motor" else float(said["gainprm"].split()[0]))
+        for name, (switch, gain) in ranges.items():
+            if name in said and said.get(switch, "auto").replace("auto", limited) == "true":
+                most = min(most, abs(gain) * max(abs(float(end)) for end in said[name].split()))
+        if 0.0 < most < math.inf:
+            yield motor.get("joint", ""), most * abs(float(said["gear"].split()[0]))
 
 
 def is_nameless(path: Path) -> bool:
@@ -208,9 +239,7 @@ def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float
     """Yield dry friction, stiffness, rest position and rotor inertia of each joint that has a name."""
     _include(root, folder)
     degrees = all(compiler.get("angle", "degree") == "degree" for compiler in root.iter("compiler"))
-    classes: dict[str, dict[str, str]] = {"main": {}}
-    for default in root.findall("default"):
-        _defaults(default, {}, classes)
+    classes = _classes(root, ("joint",))
 
     def walk(element: Element, inherited: str) -> Iterator[tuple[str, tuple[float, float, float, float]]]:
         inherited = element.get("childclass", inherited)
@@ -228,13 +257,23 @@ def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float
         yield from walk(world, "main")
 
 
-def _defaults(element: Element, inherited: Mapping[str, str], classes: dict[str, dict[str, str]]) -> None:
+def _classes(root: Element, tags: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Return what each class of an MJCF's defaults says of elements of a kind, what it has from others among it."""
+    classes: dict[str, dict[str, str]] = {"main": {}}
+    for default in root.findall("default"):
+        _defaults(default, tags, {}, classes)
+    return classes
+
+
+def _defaults(
+    element: Element, tags: Sequence[str], inherited: Mapping[str, str], classes: dict[str, dict[str, str]]
+) -> None:
     own = dict(inherited)
-    for joint in element.findall("joint"):
-        own |= joint.attrib
+    for said in (child for child in element if child.tag in tags):
+        own |= said.attrib
     classes[element.get("class", "main")] = own
     for nested in element.findall("default"):
-        _defaults(nested, own, classes)
+        _defaults(nested, tags, own, classes)
 
 
 def _include(element: Element, folder: Path) -> None:
