@@ -32,8 +32,6 @@ from twin_diagram.scenario.resources import resolve
 from twin_diagram.station.sim.world_plant import build_world
 
 Array = npt.NDArray[np.float64]
-LIGHT = np.array([0.3, 0.5, 0.81])
-"""Where it comes from in pictures of true objects."""
 ALIKE = 0.3
 """Axes are compared where moments differ by this share."""
 
@@ -286,7 +284,7 @@ def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
 
 
 def true_clouds(scenario: Scenario, out: Path) -> dict[str, TrueCloud]:
-    """Return the true object of each finished one, in the learned asset's O, grey and lit from one side."""
+    """Return the true object of each finished one, in the learned asset's O, grey."""
     found = {}
     for each in matched(scenario, out):
         if each.true is None or each.X_WO is None:
@@ -295,8 +293,8 @@ def true_clouds(scenario: Scenario, out: Path) -> dict[str, TrueCloud]:
         points, normals = sampled(triangles(out / LIBRARY / name / "visual.obj"), 20000)
         X_OA = registered(points, normals, each.true, each.X_WO)
         truth, outward = sampled(each.true.corners, 3000)
-        grey = 0.35 + 0.5 * np.abs(outward @ X_OA[:3, :3] @ LIGHT)
-        found[name] = TrueCloud((truth - X_OA[:3, 3]) @ X_OA[:3, :3], np.repeat(grey[:, None], 3, axis=1))
+        grey = np.full((len(truth), 3), 0.7)
+        found[name] = TrueCloud((truth - X_OA[:3, 3]) @ X_OA[:3, :3], grey, outward @ X_OA[:3, :3])
     return found
 
 

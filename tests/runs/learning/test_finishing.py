@@ -13,7 +13,9 @@ from twin_diagram.assets.building.backends import ColouredSurface
 from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.assets.mesh import read_obj
 from twin_diagram.planning.grasps.known_object import read_known
+from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.finishing import figures_of, write_learned
+from twin_diagram.runs.learning.record import plain
 from twin_diagram.runs.learning.shown_object import ShownObject
 
 MIDDLE = np.array([0.02, -0.03, 0.15])
@@ -50,9 +52,27 @@ def test_what_was_not_swung_weighs_what_torques_at_rest_said(tmp_path: Path) -> 
     corners = box_triangles(0.06, 0.04, 0.1) + MIDDLE
     shape = ColouredSurface(corners, np.full((len(corners), 3, 2), 0.5), np.full((8, 8, 3), 200, np.uint8), 0.05, 0.001)
     shown = ShownObject(mass_at_rest=1.2)
-    told = write_learned("box", tmp_path, shape, R_WS, None, figures_of(shown)["mass_at_rest"])
+    told = write_learned("box", tmp_path, shape, R_WS, None, figures_of(shown))
     assert told["mass"] == pytest.approx(1.2) and told["mass_std"] == pytest.approx(0.05)
     assert told["by"] == {"mass": "partly", "centre": "from shape alone", "inertia": "from shape alone"}
     assert sorted(told["moments"]) == pytest.approx(1.2 / 12.0 * np.array([0.0052, 0.0116, 0.0136]), rel=1e-3)
     assert told["moments_std"] is None and read_known(tmp_path / "box").mass == pytest.approx(1.2)
     assert "mass_at_rest" not in figures_of(ShownObject())
+
+
+def test_what_was_not_swung_has_its_centre_where_its_weight_was_felt(tmp_path: Path) -> None:
+    """Felt along two axes of S; along the third one, where a wedge's own centre is beside its box's, shape tells."""
+    triangles = box_triangles(0.06, 0.04, 0.1)
+    triangles[:, :, 0] *= np.where(triangles[:, :, 2] > 0.0, 0.2, 1.0)  # narrow at one end: its centre is below
+    corners = triangles + MIDDLE
+    shape = ColouredSurface(corners, np.full((len(corners), 3, 2), 0.5), np.full((8, 8, 3), 200, np.uint8), 0.05, 0.001)
+    even = write_learned("even", tmp_path, shape, R_WS, None, {})
+    centre_S = -R_WS.T @ even["p_OS"]
+    assert centre_S[2] < MIDDLE[2] - 0.008
+    taken = Centre.within(corners.reshape(-1, 3))
+    felt = Centre(MIDDLE + [0.009, -0.006, 0.0], np.diag([1e-6, 1e-6, taken.covariance[2, 2]]))
+    shown = ShownObject(mass_at_rest=1.2, centre=felt)
+    told = write_learned("felt", tmp_path, shape, R_WS, None, plain(figures_of(shown)))
+    at = -R_WS.T @ told["p_OS"]
+    assert at[:2] == pytest.approx(felt.mean[:2], abs=2e-4) and at[2] == pytest.approx(centre_S[2], abs=1e-4)
+    assert told["by"]["centre"] == "partly" and sorted(told["centre_std"])[1] == pytest.approx(1e-3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 from collections.abc import Callable
@@ -164,7 +165,12 @@ def test_the_gallery_is_one_file_that_shows_what_failed(tmp_path: Path) -> None:
     cloud = record.library / "object_01"
     cloud.mkdir(parents=True)
     points = np.random.default_rng(0).normal(size=(50, 3))
-    np.savez(cloud / "cloud.npz", points=points, normals=points, colours=np.full((50, 3), 0.5))
+    np.savez(
+        cloud / "cloud.npz",
+        points=points,
+        normals=points / np.linalg.norm(points, axis=1)[:, None],
+        colours=np.full((50, 3), 0.5),
+    )
     state.learned[0].grasps = 2
     state.learned[0].figures |= {
         "mass_std": 0.001,
@@ -187,3 +193,8 @@ def test_the_gallery_is_one_file_that_shows_what_failed(tmp_path: Path) -> None:
     assert "its log is empty" in page and "out of reach" in page and "it was lost; no frames" in page
     assert "70 pictures in 2 grasps; slipped by 4 mm and 6°" in page
     assert page.count("<canvas") == 1 and "http" not in page.replace("http-equiv", "")
+    (drawn,) = json.loads(page.split('id="data">')[1].split("</script>")[0])["object_01"]
+    facing = np.frombuffer(base64.b64decode(drawn["normals"]), np.int8).reshape(-1, 3)
+    np.testing.assert_allclose(facing / 127.0, points / np.linalg.norm(points, axis=1, keepdims=True), atol=0.005)
+    spread = np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1)
+    assert np.median(spread[:, 1]) < drawn["disc"] < spread[:, 10].max(), "discs close the gaps between points"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from twin_diagram.assets.building.measured import MeasuredInertia, from_shape_al
 from twin_diagram.assets.building.surface import weld
 from twin_diagram.errors import TwinError
 from twin_diagram.model.model import Model
+from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, plain
 from twin_diagram.runs.learning.shape_worker import SHAPE, read_shape
 from twin_diagram.runs.learning.shown_object import ShownObject
@@ -56,8 +57,8 @@ def finish(record: LearningRecord, one: Learned, model: Model, learned: Sequence
                 )
             except Exception as error:  # of logs, files, solvers: its shape is still worth an asset
                 one.figures["not weighed"] = in_words(error)
-        at_rest = one.figures.get("mass_at_rest")
-        figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured, at_rest)
+        felt = {name: one.figures[name] for name in ("mass_at_rest", "centre_felt") if name in one.figures}
+        figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured, felt)
         one.figures = {**one.figures, **plain(figures)}
         one.state, one.no_asset, one.taken_again = "finished", "", ""
     except Exception as error:  # of meshes, textures, files: the other objects go on
@@ -77,7 +78,7 @@ def write_learned(
     shape: ColouredSurface,
     R_WS: Array,
     measured: MeasuredInertia | None,
-    mass_at_rest: float | None = None,
+    felt: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write an object's asset, whole or not at all, and return figures of it.
 
@@ -87,7 +88,7 @@ def write_learned(
         shape: its surface in S.
         R_WS: (3, 3) axes of S in those of W when it lay in the bin: the asset's z is upwards then.
         measured: its inertia in S; None: from the shape alone.
-        mass_at_rest: what it then seemed to weigh before it was swung [kg]; None: it is taken to be of water.
+        felt: of `figures_of`, what was then told before it was swung; without a mass it is taken to be of water.
 
     Raises:
         AssetError: what cannot be written, or no body.
@@ -98,10 +99,12 @@ def write_learned(
     corners = turned - middle
     if measured is None:
         solid = solid_of(weld(corners))
-        density = FROM_MESH.density if mass_at_rest is None else mass_at_rest / solid.volume
-        own = from_shape_alone(solid, density)
-        if mass_at_rest is not None:
+        mass = felt.get("mass_at_rest") if felt else None
+        own = from_shape_alone(solid, FROM_MESH.density if mass is None else mass / solid.volume)
+        if mass is not None:
             own = replace(own, mass_std=TUNING.at_rest, by={**own.by, "mass": "partly"})
+        if felt and "centre_felt" in felt:
+            own = pulled(own, Centre(*(np.array(part) for part in felt["centre_felt"])), shape, R_WS, middle)
     else:
         found = measured.turned(R_WS)
         own = replace(found, centre=found.centre - middle)
@@ -128,6 +131,25 @@ def write_learned(
     }
 
 
+def pulled(own: MeasuredInertia, felt: Centre, shape: ColouredSurface, R_WS: Array, middle: Array) -> MeasuredInertia:
+    """Return what its shape says of an object with its centre of mass where its weight was felt to pull.
+
+    Args:
+        own: by its shape, in axes of W about `middle`.
+        felt: where it pulls, in S; along what torques left open, the middle of the box about it stands there.
+        shape: its surface in S.
+        R_WS: (3, 3) axes of S in those of W.
+        middle: (3,) of that surface in these axes [m].
+    """
+    taken, covariance = Centre.within(shape.corners.reshape(-1, 3)), R_WS @ felt.covariance @ R_WS.T
+    # Along what torques left open its shape's own centre is better than the middle of a box.
+    better = own.centre - (R_WS @ taken.mean - middle)
+    open_ = covariance @ R_WS @ np.linalg.inv(taken.covariance) @ R_WS.T
+    centre, std = R_WS @ felt.mean - middle + open_ @ better, np.sqrt(np.diag(covariance))
+    by = {**own.by, "centre": "partly"}
+    return replace(own, centre=centre, centre_std=std, centre_covariance=covariance, by=by)
+
+
 def seen_so_far(shown: ShownObject) -> dict[str, float]:
     """Return figures of what was shown of an object, for the events."""
     so_far = {"pictures": len(shown.followed.shown), "slips": len(shown.followed.slips)}
@@ -137,7 +159,8 @@ def seen_so_far(shown: ShownObject) -> dict[str, float]:
 def figures_of(shown: ShownObject) -> dict[str, Any]:
     """Return figures of how an object was shown, for people and tables."""
     slips = [[slip.picture, slip.distance, slip.angle] for slip in shown.followed.slips]
-    weighed = {} if shown.mass_at_rest is None else {"mass_at_rest": shown.mass_at_rest}
+    weighed: dict[str, Any] = {} if shown.mass_at_rest is None else {"mass_at_rest": shown.mass_at_rest}
+    weighed |= {} if shown.centre is None else {"centre_felt": [shown.centre.mean, shown.centre.covariance]}
     figures = {"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes}
     seen = {"seen_share": shown.seen_shares[-1], "seen_after_grasps": shown.seen_shares} if shown.seen_shares else {}
     return figures | seen | weighed

@@ -11,6 +11,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from twin_diagram.runs.learning.record import GALLERY, Learned, LearningRecord, RunState
 from twin_diagram.runtime import atomic_file
@@ -21,8 +22,11 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    points: int = 2600
-    """Of an object that are drawn: enough to see its shape, few enough to turn smoothly."""
+    points: int = 3000
+    """Of an object that are drawn, as many as an asset's cloud has: few enough to turn smoothly."""
+
+    neighbours: int = 6
+    """So many fall under a point's disc, itself among them: where they lie at random hardly a gap is left."""
 
 
 TUNING = Tuning()
@@ -51,7 +55,8 @@ const D = JSON.parse(document.getElementById('data').textContent);
 document.querySelectorAll('canvas').forEach(canvas => {
   const c = canvas.getContext('2d'), clouds = D[canvas.dataset.name];
   const decode = (text, kind) => new kind(Uint8Array.from(atob(text), s => s.charCodeAt(0)).buffer);
-  const parts = clouds.map(k => ({p: decode(k.points, Float32Array), c: decode(k.colours, Uint8Array)}));
+  const parts = clouds.map(k => ({p: decode(k.points, Float32Array), c: decode(k.colours, Uint8Array),
+    n: decode(k.normals, Int8Array), disc: k.disc}));
   let yaw = 0.6, pitch = 0.45, zoom = 1;
   function draw() {
     const ratio = window.devicePixelRatio || 1;
@@ -60,17 +65,22 @@ document.querySelectorAll('canvas').forEach(canvas => {
     const wide = canvas.width / parts.length, radius = clouds[0].radius;
     parts.forEach((part, k) => {
       const s = zoom*0.42*Math.min(wide, canvas.height)/radius, n = part.p.length/3, seen = [];
-      for (let i = 0; i < n; i++) {
-        const x = part.p[3*i], y = part.p[3*i+1], z = part.p[3*i+2];
-        const u = Math.cos(yaw)*x + Math.sin(yaw)*y, v = -Math.sin(yaw)*x + Math.cos(yaw)*y;
-        seen.push([wide*(k+0.5) + s*u, canvas.height/2 - s*(Math.cos(pitch)*z + Math.sin(pitch)*v),
-          Math.cos(pitch)*v - Math.sin(pitch)*z, i]);
+      const cy = Math.cos(yaw), sy = Math.sin(yaw), cp = Math.cos(pitch), sp = Math.sin(pitch);
+      // Right, up and away from who looks.
+      const turned = (x, y, z) => { const v = cy*y - sy*x; return [cy*x + sy*y, cp*z + sp*v, cp*v - sp*z]; };
+      for (let i = 0; i < 3*n; i += 3) {
+        const m = turned(part.n[i]/127, part.n[i+1]/127, part.n[i+2]/127);
+        if (m[2] < 0) seen.push([turned(part.p[i], part.p[i+1], part.p[i+2]), m, i]);
       }
-      seen.sort((a, b) => b[2]-a[2]);
-      const size = Math.max(2*ratio, 0.065*s*radius);
-      for (const q of seen) { const i = 3*q[3];
-        c.fillStyle = `rgb(${part.c[i]},${part.c[i+1]},${part.c[i+2]})`;
-        c.fillRect(q[0]-size/2, q[1]-size/2, size, size); }
+      seen.sort((a, b) => b[0][2]-a[0][2]);
+      const size = Math.max(1.5*ratio, s*part.disc);
+      for (const [q, m, i] of seen) {
+        const lit = 0.6 + 0.4*Math.max(0, 0.6*m[1] - 0.35*m[0] - 0.72*m[2]);
+        c.fillStyle = `rgb(${lit*part.c[i]},${lit*part.c[i+1]},${lit*part.c[i+2]})`;
+        c.beginPath();
+        c.ellipse(wide*(k+0.5) + s*q[0], canvas.height/2 - s*q[1], size*Math.max(0.2, -m[2]), size,
+          Math.atan2(-m[1], m[0]), 0, 2*Math.PI);
+        c.fill(); }
     });
   }
   canvas.addEventListener('pointermove', e => { if (e.buttons) { yaw += e.movementX*0.01;
@@ -79,15 +89,17 @@ document.querySelectorAll('canvas').forEach(canvas => {
   window.addEventListener('resize', draw); draw();
 });
 """
-"""What draws: coloured points, projected in parallel; a second cloud stands beside the first."""
+"""What draws: coloured discs along the surface, lit from above, projected in parallel; a second cloud stands beside the
+first."""
 
 
 @dataclass(frozen=True)
 class TrueCloud:
-    """The true object beside a learned one, where somebody knows it: points (N, 3) in the asset's O [m], colours."""
+    """The true object beside a learned one, where somebody knows it: (N, 3) points in O [m], colours, normals."""
 
     points: Array
     colours: Array
+    normals: Array
 
 
 def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, TrueCloud] | None = None) -> None:
@@ -104,9 +116,9 @@ def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, Tr
         file = record.library / one.name / "cloud.npz"
         if one.state == "finished" and file.is_file():
             with np.load(file, allow_pickle=False) as cloud:
-                clouds = [_packed(cloud["points"], cloud["colours"])]
-            if true and one.name in true:
-                clouds.append(_packed(true[one.name].points, true[one.name].colours))
+                clouds = [_packed(cloud["points"], cloud["colours"], cloud["normals"])]
+            if true and (beside := true.get(one.name)) is not None:
+                clouds.append(_packed(beside.points, beside.colours, beside.normals))
             data[one.name] = clouds
         cards.append(_card(record, one, one.name in data))
     done = sum(one.state == "finished" for one in state.learned)
@@ -128,14 +140,16 @@ def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, Tr
     )
 
 
-def _packed(points: Array, colours: Array) -> dict[str, Any]:
-    points, colours = np.asarray(points)[: TUNING.points], np.asarray(colours)[: TUNING.points]
+def _packed(points: Array, colours: Array, normals: Array) -> dict[str, Any]:
+    points, colours, normals = (np.asarray(rows)[: TUNING.points] for rows in (points, colours, normals))
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     own = (points - middle).astype("<f4")
     shades = np.clip(np.rint(255 * colours), 0, 255).astype(np.uint8)
     return {
         "points": base64.b64encode(own.tobytes()).decode(),
         "colours": base64.b64encode(shades.tobytes()).decode(),
+        "normals": base64.b64encode(np.rint(np.clip(127 * normals, -127, 127)).astype(np.int8).tobytes()).decode(),
+        "disc": float(np.quantile(cKDTree(own).query(own, k=min(TUNING.neighbours, len(own)))[0][:, -1], 0.8)),
         "radius": float(np.linalg.norm(own, axis=1).max()),
     }
 
