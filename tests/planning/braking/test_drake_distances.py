@@ -149,6 +149,16 @@ def test_what_is_held_moves_with_the_arm_and_meets_the_rest(near: DrakeDistances
     assert {1, 2} <= set(free.body), "let go it is an obstacle again"
 
 
+def test_what_is_not_sure_of_its_place_in_the_hand_is_nearer(near: DrakeDistances) -> None:
+    X_TO = np.array([1.0, 0, 0, 0, 0, 0, 0.1])
+    p = tuple(near.tool(Q) @ np.array([0.0, 0.0, 0.35, 1.0]))[:3]
+    sure = least(look(near, {1: p}, held=0, X_TO=X_TO), 2)
+    for within in (0.5, sure - 0.005):  # also where it is the doubt that brings it within
+        assert least(look(near, {1: p}, within, held=0, X_TO=X_TO, unsure=0.01), 2) == pytest.approx(sure - 0.01)
+    bare = look(near, {1: p})
+    assert least(look(near, {1: p}, unsure=0.01), 2) == pytest.approx(least(bare, 2)), "the arm knows where it is"
+
+
 def test_a_half_space_is_as_far_as_it_is(tmp_path: Path) -> None:
     floor = tmp_path / "floor.sdf"
     floor.write_text(

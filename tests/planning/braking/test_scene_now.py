@@ -83,6 +83,9 @@ def test_the_hands_object_is_no_obstacle(near: DrakeDistances) -> None:
     assert list(held.shapes.present[:2]) == [True, False]
     assert (held.shapes.held, held.shapes.on_support) == (1, True)
     assert scene(near, *both, hand=Hand(held=1, support=0).pack()).shapes.support == 0
+    for std, unsure in ((0.002, 3 * 0.002), (0.1, TUNING.doubt)):
+        doubtful = Hand(held=1, covariance=np.diag([1.0, 1.0, 1.0, std**2, std**2, std**2]))
+        assert scene(near, *both, hand=doubtful.pack()).shapes.unsure == pytest.approx(unsure)
     touched = scene(near, *both, hand=Hand(touched=0).pack())
     assert list(touched.shapes.present[:2]) == [False, True]
     assert (touched.shapes.held, touched.shapes.on_support) == (ARM, False)

@@ -19,9 +19,11 @@ from twin_diagram.planning.braking.drake_distances import DrakeDistances, Shapes
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.collision.collision_scene import TUNING as COLLISION_SCENE
 from twin_diagram.scenario.resources import models_dir
+from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.hand import Hand
+from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.layouts import ObjectStatus, Track
+from twin_diagram.signals.pose_vectors import from_matrix
 from twin_diagram.signals.things import THING_SIZE, Thing
 
 N = 7
@@ -520,6 +522,29 @@ def test_notes_are_told_oldest_first_and_the_oldest_go() -> None:
     assert len(events) == 32 and events[0]["time"] == 8.0 and events[-1]["time"] == 39.0
     assert (events[0]["link"], events[0]["object"], events[0]["distance_mm"]) == ("hand", "can", 12.3)
     assert BrakeMode(int(state.mode)) is BrakeMode.WAIT
+
+
+def test_a_look_asks_how_fast_its_own_hand_holds(
+    model: Model, twin: scenario.Twin, library: dict[str, Asset], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The shapes are shared by all Contexts: another's hand, or none, may have been looked at in between."""
+    out = rotations.matrix(from_matrix(model.tool_pose(HOME).GetAsMatrix4())[:4]).T @ np.array([0.5, 0.0, 0.0])
+    X_TO = np.array([1.0, 0, 0, 0, *out])  # far out, it is faster than the arm
+    rig = Rig(model, twin, library, steady, hand=lambda t: Hand(held=0, X_TO=X_TO).pack())
+    rig.run(0.5)
+    near, fast = rig.monitor._near, []
+    speed = near.speed
+
+    def asked(q: Array, v: Array) -> float:
+        fast.append((speed(q, v), q, v))
+        return fast[-1][0]
+
+    near.hold(NOTHING, None)
+    monkeypatch.setattr(near, "speed", asked)
+    rig.run(0.55)
+    assert fast
+    near.hold(0, X_TO)
+    assert all(found == speed(q, v) for found, q, v in fast)
 
 
 def test_two_contexts_do_not_know_of_each_other(model: Model, twin: scenario.Twin, library: dict[str, Asset]) -> None:

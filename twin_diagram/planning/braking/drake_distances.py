@@ -74,6 +74,7 @@ class Shapes:
         X_TO: (7) of that in the tool's frame.
         on_support: what is held may touch what stands still, and …
         support: … the library's object that bears it, or `ARM`.
+        unsure: what is held may be so much nearer to everything than where it is told to be [m].
     """
 
     present: Booleans
@@ -83,6 +84,7 @@ class Shapes:
     X_TO: Array | None = None
     on_support: bool = False
     support: int = ARM
+    unsure: float = 0.0
 
 
 class DrakeDistances:
@@ -145,7 +147,7 @@ class DrakeDistances:
         self._followers: Final = Followers.of(self._plant, self._arm)
         self._hung: list[tuple[int, list[GeometryId]]] = [(0, []) for _ in range(count)]
         self._filtered: tuple[int, bool, int] | None = None
-        self._held, self._X_TO = ARM, np.eye(4)
+        self._held, self._X_TO, self._unsure = ARM, np.eye(4), 0.0
         for k, pieces in enumerate(self._pieces):
             self._hang(k, k + 1, pieces)
 
@@ -201,12 +203,17 @@ class DrakeDistances:
             slot = self._further.stop + k
             if around.present[slot]:
                 self._hang(slot, zlib.crc32(b"".join(piece.tobytes() for piece in pieces)) + 1, pieces)
-        self._held = around.held
-        if around.held != ARM:
-            self._X_TO = as_matrix(cast(Array, around.X_TO))
+        self.hold(around.held, around.X_TO)
+        self._unsure = around.unsure if around.held != ARM else 0.0
         touched = around.on_support, around.support
         if self._filtered != (around.held, *touched):
             self._filter(around.held, *touched)
+
+    def hold(self, held: int, X_TO: Array | None) -> None:
+        """Put an object of the library into the hand at X_TO (7), or with `ARM` nothing: for `speed` that is enough."""
+        self._held = held
+        if held != ARM:
+            self._X_TO = as_matrix(cast(Array, X_TO))
 
     def near(
         self, q: Array, v: Array, fingers: Array | None, present: Booleans, X_WO: Array, within: float
@@ -233,7 +240,7 @@ class DrakeDistances:
             poses_.set_value(frame, X)
         self._poses.FixValue(self._shapes, poses_)
         query: Any = self._scene_graph.get_query_output_port().Eval(self._shapes)
-        return self._pairs(query.ComputeSignedDistancePairwiseClosestPoints(within))
+        return self._pairs(query.ComputeSignedDistancePairwiseClosestPoints(within + self._unsure))
 
     def tool(self, q: Array) -> Array:
         """Return X_WT (4, 4) of the tool frame."""
@@ -303,7 +310,8 @@ class DrakeDistances:
         p_W = np.einsum("kij,kj->ki", X_WG[:, :3, :3], told[:, 1:4]) + X_WG[:, :3, 3]
         fast = self._fast[links] + np.cross(self._spin[links], p_W - self._X_WB[links, :3, 3])
         approach = -np.einsum("kj,kj->k", told[:, 4:], fast)
-        return Nearness(self._links[links], np.array(others, dtype=int), told[:, 0], approach, self._speeds()[numbers])
+        distance = told[:, 0] - self._unsure * (numbers < 0)
+        return Nearness(self._links[links], np.array(others, dtype=int), distance, approach, self._speeds()[numbers])
 
     def _hang(self, slot: int, mark: int, pieces: Sequence[Array]) -> None:
         """Give a slot the shape of convex pieces (V, 3) each, unless it has that already."""

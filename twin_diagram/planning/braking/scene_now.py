@@ -13,6 +13,7 @@ from twin_diagram.planning.braking.stop_check import Allowances
 from twin_diagram.planning.collision.collision_scene import TUNING as COLLISION_SCENE
 from twin_diagram.planning.collision.collision_scene import Forecast
 from twin_diagram.planning.collision.held_shape import obstacles_beside
+from twin_diagram.planning.collision.unsure_pose import Unsure
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.layouts import TRACK_SIZE
@@ -123,7 +124,7 @@ def read_scene(
     whole = tuple(thing.pieces for thing in seen)
     shapes = Shapes(
         present, tuple(kinds.tolist()), whole, ARM if held.held == NOTHING else held.held, held.X_TO,
-        held.on_support, held.support,
+        held.on_support, held.support, min(Unsure.of(held.covariance, np.eye(3), None, moving=False).now, TUNING.doubt),
     )  # fmt: skip
     own = None if fingers is None or not np.isfinite(fingers).all() else fingers[: len(fingers) // 2]
     others = radii[kinds] if len(radii) else np.zeros(further)

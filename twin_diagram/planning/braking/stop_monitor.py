@@ -24,7 +24,7 @@ from twin_diagram.planning.given import check_kinds
 from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload, acceleration_limit, chain_of
 from twin_diagram.runtime.timing import timed
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.hand import HAND_SIZE
+from twin_diagram.signals.hand import HAND_SIZE, Hand
 from twin_diagram.signals.layouts import NEVER, TRACK_SIZE
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 
@@ -358,6 +358,9 @@ class StopMonitor(ModelUser[Model]):
     def _breach(self, context: Context, state: BrakeState, now: float, arm: Array) -> Breach | None:
         """Return what the arm would come too near to if it began to brake at the next look."""
         delay, found, scene = self._period + self._params.delay, None, None
+        told = self._value(context, "hand")
+        hand = Hand() if told is None else Hand.unpack(told)
+        self._near.hold(hand.held, hand.X_TO)  # what it last held may be another Context's
         speeds = [state.rate]
         if np.abs(arm[self._n :] - state.rate).max() > TUNING.apart:
             speeds.append(arm[self._n :])
