@@ -13,6 +13,8 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.description import read_spec
+from twin_diagram.perception.registration import instances
+from twin_diagram.perception.registration.colour_shift import ALIGNED
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.view import Known
@@ -237,3 +239,22 @@ def test_an_image_like_the_last_one_makes_the_same_of_the_same(library: tuple[Kn
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.beside.pack(), b.beside.pack())
         np.testing.assert_array_equal(a.things, b.things)
+
+
+def test_a_thing_is_compared_with_what_is_as_tall_first(
+    library: tuple[Known, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One comparison is made in an image: of two of ten grey things, a mug had waited for up to twenty."""
+    points = scenario.Registration().model_points
+    known = {k: Known.of(ModelCloud.of(one, points)).bare for k, one in enumerate((SUGAR, TALL, asset_of("mug")))}
+    asked: list[tuple[int, bool]] = []
+    for k, one in known.items():
+        segments = shot([standing(one.model.asset, A, 0.4)], 0)
+        monkeypatch.setattr(
+            instances,
+            "recognise",
+            lambda models, ways, *_: asked.append((*models, ways[min(models)] is known[min(models)].upright)) or {},
+        )
+        of, usual = np.flatnonzero(segments.labels >= 0), dict.fromkeys(known, 0.0)
+        done = instances.recognised(known, of, 0, segments, scenario.Registration(), 60, usual, ALIGNED)
+        assert done == (-1, None, 1) and asked[-1] == (k, True)

@@ -18,6 +18,7 @@ from scipy.optimize import linear_sum_assignment
 from twin_diagram import scenario
 from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.height import as_tall, seen_tall
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming_evidence import is_another, naming
 from twin_diagram.perception.registration.recognition import TUNING as RECOGNITION
@@ -178,7 +179,7 @@ def recognised(
     usual: Mapping[int, float],
     shift: ColourShift,
 ) -> tuple[int, RegisteredPose | None, int]:
-    """Compare a thing with one of the library's objects, those whose colours are likest first.
+    """Compare a thing with one of the library's objects: those that lie as tall as it is first, then by their colours.
 
     It takes as long as tracking everything, so there is one comparison in an image.
 
@@ -199,10 +200,14 @@ def recognised(
     mask = np.zeros(len(segments.labels), dtype=bool)
     mask[of] = True
     own = hues(segments.colours[of])
-    order = sorted(library, key=lambda k: (-alike(hues(library[k].model.asset.colours), own), k))
-    ways = [(k, how) for how in (0, 1) for k in order]
+    colours = {k: -alike(hues(one.model.asset.colours), own) for k, one in library.items()}
+    tall = seen_tall(segments.points_W[of], segments.table)
+    ways: list[tuple[bool, int, float, int]] = []
+    for k, one in library.items():
+        for how, rests in enumerate((one.upright, one.fallen)):
+            ways.append((not as_tall(one.model, rests, tall), how, colours[k], k))
     done = searches
-    for k, how in ways[searches:]:
+    for _, how, _, k in sorted(ways)[searches:]:
         done += 1
         orientations = (library[k].upright, library[k].fallen)[how]
         if k not in usual or not orientations:

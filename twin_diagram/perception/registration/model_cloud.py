@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from twin_diagram.assets import Asset
 from twin_diagram.errors import expect
@@ -109,6 +109,14 @@ class ModelCloud:
     def is_round(self) -> bool:
         """Whether its shape is round about an axis of O, all of it."""
         return self.asset.symmetric_axis == "z" or is_round(self.points, self.normals)
+
+    @cached_property
+    def corners(self) -> Array:
+        """(C, 3) those of its points that lie outermost: how tall it is in any way, they tell [m]."""
+        try:
+            return np.asarray(self.points[ConvexHull(self.points).vertices])
+        except QhullError:
+            return self.points
 
     @cached_property
     def view_area(self) -> float:

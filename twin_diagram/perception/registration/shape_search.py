@@ -13,16 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.registration.global_search import search
+from twin_diagram.perception.registration.height import TUNING as HEIGHT
+from twin_diagram.perception.registration.height import as_tall, extent
 from twin_diagram.perception.registration.naming_evidence import TUNING as NAMING
 from twin_diagram.perception.registration.naming_evidence import colours_speak, naming
-from twin_diagram.perception.registration.outline import height_above
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, register
 from twin_diagram.perception.registration.settling import settle
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.turned_alike import unweighed
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
-from twin_diagram.signals.arrays import Array
 
 Mask = npt.NDArray[np.bool_]
 
@@ -36,12 +36,6 @@ class Tuning:
 
     free: float = 0.8
     """A thing of which less than this share is free belongs to what was found already."""
-
-    stands: float = 0.08
-    """What begins higher above the table does not stand on it [m]: of a narrow bottle's foot 0.05 may be missing."""
-
-    tall: tuple[float, float] = (0.008, 0.05)
-    """An object may be so much taller or lower than what is seen [m], and so much for each metre of it."""
 
     score: float = 0.88
     """What explains less is not settled and asked for its name: 106 of 107 right finds had more, of others a third."""
@@ -139,16 +133,15 @@ def _standing(view: View, free: Mask) -> list[tuple[npt.NDArray[np.int64], float
         own = whole[free[whole]]
         if len(own) < max(TUNING.fewest, view.smallest) or len(own) < TUNING.free * len(whole):
             continue
-        low, top = np.percentile(height_above(segments.table, segments.points_W[own]), [2.0, 98.0])
-        if low < TUNING.stands:
-            result.append((own, float(top)))
+        low, top = extent(segments.points_W[own], segments.table)
+        if low < HEIGHT.stands:
+            result.append((own, top))
     return result
 
 
 def _tried(bare: Known, view: View, own: npt.NDArray[np.int64], top: float) -> RegisteredPose | None:
     """Return an object as it fits a thing's points `own` best, `top` [m] high, with how sure its name is."""
-    slack = TUNING.tall[0] + TUNING.tall[1] * top
-    ways = [way for way in (*bare.upright, *bare.fallen) if abs(_height(bare, way[0]) - top) < slack]
+    ways = as_tall(bare.model, (*bare.upright, *bare.fallen), top)
     points = view.segments.points_W[own]
     found = search(bare.model, view.frame, points, ways, view.params) if ways else None
     if found is None or found.score < TUNING.score:
@@ -157,9 +150,3 @@ def _tried(bare: Known, view: View, own: npt.NDArray[np.int64], top: float) -> R
     settled = settle(bare.model, view.frame, [found.registration, *found.others], thin, view.params, turns=True)
     one = unweighed(bare.model, settled.registration)
     return replace(one, named=naming(bare, view, one))
-
-
-def _height(known: Known, R: Array) -> float:
-    """Return how tall an object is, turned by R (3, 3) [m]."""
-    up = known.model.points @ R[2]
-    return float(up.max() - up.min())
