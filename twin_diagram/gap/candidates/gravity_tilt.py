@@ -29,7 +29,7 @@ def tilt(terms: Terms, about: Array | None = None) -> Candidate:
     """
     tree = terms.records.model.tree
     way = np.zeros(2) if about is None else about
-    start, middle, end = (slopes(*(share * way), tree.gravity) for share in (0.0, 0.5, 1.0))
+    start, middle, end = (slopes(share * way[0], share * way[1], tree.gravity) for share in (0.0, 0.5, 1.0))
     turns = (start + 4.0 * middle + end) / 6.0  # Simpson's rule
 
     def law(record: Record) -> Array:

@@ -100,7 +100,7 @@ def centre_felt(model: Model, felt: Felt, mass: float, X_TS: Array, before: Cent
     found = before.covariance
     for _ in range(2):
         weight = 1.0 / (float(np.var(rest - by_centre @ step)) + len(rest) / len(turns) * TUNING.ripple**2)
-        found = np.linalg.inv(information + weight * by_centre.T @ by_centre)
+        found = np.asarray(np.linalg.inv(information + weight * by_centre.T @ by_centre), dtype=float)
         step = found @ (weight * by_centre.T @ rest)
     return Centre(before.mean + step, found)
 

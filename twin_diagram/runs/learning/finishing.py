@@ -57,7 +57,9 @@ def finish(record: LearningRecord, one: Learned, model: Model, learned: Sequence
                 )
             except Exception as error:  # of logs, files, solvers: its shape is still worth an asset
                 one.figures["not weighed"] = in_words(error)
-        felt = {name: one.figures[name] for name in ("mass_at_rest", "centre_felt") if name in one.figures}
+        felt: dict[str, Any] = {
+            name: one.figures[name] for name in ("mass_at_rest", "centre_felt") if name in one.figures
+        }
         figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured, felt)
         one.figures = {**one.figures, **plain(figures)}
         one.state, one.no_asset, one.taken_again = "finished", "", ""
