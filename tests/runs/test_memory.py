@@ -22,8 +22,9 @@ def resident():
 
 out, marks, sizes, original = sys.argv[1], [float(t) for t in sys.argv[2:]], {}, run.run_trial
 
-def trial(loop, simulator, duration, progress):
+def trial(loop, simulator, duration, progress, each):
     def between(context):
+        each(context)
         if marks and context.get_time() >= marks[0] - 1e-9:
             sizes[marks.pop(0)] = resident()
     return original(loop, simulator, duration, progress, between)

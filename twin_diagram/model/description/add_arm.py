@@ -218,14 +218,7 @@ def add_arm(
         still = [joint for joint in held_joints.beside(arm_joints, every) if int(joint.index()) not in driven]
         if held_joints.hold(plant, still, following):
             every = _joints(plant, instances)
-    efforts, rotors = unparsed.of_all(unparsed.effort_limits, parts), unparsed.of_all(unparsed.armatures, parts)
-    for joint in [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])]:
-        if int(joint.index()) not in motors:
-            limit = efforts.get(joint.name(), np.inf)
-            motor = motors[int(joint.index())] = plant.AddJointActuator(f"{joint.name()}_motor", joint, limit)
-            motor.set_default_rotor_inertia(rotors.get(joint.name(), 0.0))
-        elif joint.name() in efforts:
-            motors[int(joint.index())].set_effort_limit(efforts[joint.name()])
+    _give_motors(plant, motors, [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])], parts)
     base = _weld_base(plant, instances, arm_joints[0], spec)
     carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, every))]
     last_link = (carrying or arm_joints)[-1].child_body()
@@ -246,6 +239,20 @@ def add_arm(
         parts=parts,
         stated=unparsed.stated_dynamics(parts, [joint.name() for joint in arm_joints]),
     )
+
+
+def _give_motors(
+    plant: MultibodyPlant, motors: dict[int, JointActuator], joints: Sequence[Joint], parts: Sequence[Path]
+) -> None:
+    """Give each joint the motor that it lacks, and all of them what the description says of motors unread by Drake."""
+    efforts, rotors = unparsed.of_all(unparsed.effort_limits, parts), unparsed.of_all(unparsed.armatures, parts)
+    for joint in joints:
+        if int(joint.index()) not in motors:
+            limit = efforts.get(joint.name(), np.inf)
+            motor = motors[int(joint.index())] = plant.AddJointActuator(f"{joint.name()}_motor", joint, limit)
+            motor.set_default_rotor_inertia(rotors.get(joint.name(), 0.0))
+        elif joint.name() in efforts:
+            motors[int(joint.index())].set_effort_limit(efforts[joint.name()])
 
 
 def _parts(spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None) -> tuple[Path, ...]:
