@@ -35,7 +35,10 @@ LEFT_OUT = (
     *("station/scan_player", "station/make", "station/make_station", "station/parsing", "station/add_models"),
     *("station/ports", "station/ignored", "station/ignored_commands", "station/mujoco"),
 )
-KEPT = ("logs/resampling", "logs/wrapping", "logs/unwrapping", "logs/differentiation")
+KEPT = (
+    *("logs/resampling", "logs/wrapping", "logs/unwrapping", "logs/differentiation"),
+    *("logs/easing", "logs/parting", "logs/spikes", "logs/straightening"),
+)
 """Maths inside a folder that is left out."""
 
 

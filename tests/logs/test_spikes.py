@@ -53,3 +53,13 @@ def test_a_good_sample_between_two_garbled_ones_is_not_the_one_that_leaps() -> N
     values = swung(0.5).motor_torque.copy()
     values[[1000, 1002], 0] = 900.0, 800.0
     assert spikes(values)[1000, 0] and not spikes(values)[1001, 0]
+
+
+def test_two_that_stand_close_are_both_taken_as_lost() -> None:
+    log = swung(0.5)
+    for apart, second in ((2, 800.0), (1, -700.0)):
+        torque = log.motor_torque.copy()
+        torque[[1000, 1000 + apart], 0] = 900.0, second
+        found, said = unspiked(Log(log.time, log.joints, log.position, log.velocity, torque))
+        np.testing.assert_allclose(found.motor_torque, log.motor_torque, atol=4.0)
+        assert said[0].message.startswith("log: 2 sample(s)")

@@ -45,6 +45,9 @@ def unspiked(log: Log) -> tuple[Log, list[LogWarning]]:
         if values is None or name == "position_commanded" or not np.any(there := spikes(values)):
             continue
         signals[name] = mended(log.time, values, there)
+        while np.any(more := spikes(signals[name]) & ~there):  # of two that stand close, the farther one is found first
+            there |= more
+            signals[name] = mended(log.time, values, there)
         joints = ", ".join(joint for joint, some in zip(log.joints, np.any(there, axis=0), strict=True) if some)
         message = (
             f"{log.source}: {int(np.sum(there))} sample(s) of {called} of {joints} leap away and back; they are taken "

@@ -10,7 +10,7 @@ import pytest
 
 from tests.assets.building.pictured import box, cameras, shots
 from twin_diagram.assets.building.from_mesh import AssetPlace
-from twin_diagram.assets.building.growth import TUNING, Growth, in_thing
+from twin_diagram.assets.building.growth import TUNING, Growth, Support, in_thing
 from twin_diagram.assets.mesh import read_obj
 from twin_diagram.errors import FramesError
 from twin_diagram.signals import rotations
@@ -94,3 +94,21 @@ def test_what_hides_the_thing_keeps_its_depth_and_the_table_does_not() -> None:
     np.testing.assert_allclose(back, frame.camera.p_WC, atol=1e-12)
     with pytest.raises(FramesError, match="frame 0: no mask of the thing"):
         in_thing(replace(frame, mask=None), np.eye(3), np.zeros(3))
+
+
+def test_what_stands_need_not_be_seen_from_below_but_all_around() -> None:
+    (frame,) = shots([box(EDGES)], cameras(1, 0.015), masked=True).frames
+    up, tilt = np.array([0.0, 0.0, 1.0, 0.0]), np.radians(5.0)
+    oblique = np.array([np.sin(tilt), 0.0, np.cos(tilt), 0.0])
+    mask = np.zeros(frame.depth.shape, dtype=bool)
+
+    def turned(angle: float, *planes: np.ndarray) -> Growth:
+        azimuth, height = np.linspace(0.0, angle, 15, endpoint=False), np.radians(50.0)
+        each = [np.array([*(np.cos(height) * np.array([np.cos(a), np.sin(a)])), np.sin(height)]) for a in azimuth]
+        supports = tuple(Support(plane, mask) for plane in planes) or (None,) * 15
+        return Growth((frame,) * 15, tuple(each), supports)
+
+    assert turned(2.0 * np.pi, *(up,) * 15).ready
+    assert not turned(np.pi, *(up,) * 15).ready, "its far side is missing"
+    assert 0.6 < turned(2.0 * np.pi).seen < TUNING.standing_share, "of what stands on nothing the underside counts"
+    assert turned(2.0 * np.pi, *(up,) * 14, oblique).up is None, "it does not stand on what turns about it"

@@ -174,3 +174,15 @@ def test_what_is_no_prior_is_refused(box: Shape) -> None:
         ShapePrior(box, spread=0.0)
     with pytest.raises(WeighingError, match="load's share"):
         ShapePrior(box, loads=((1.0, 1.0),))
+
+
+def test_a_small_load_does_not_account_for_a_centre_that_it_cannot_reach(box: Shape) -> None:
+    """18 mm above the middle: 13 % of the mass would have to lie above the lid for that, 60 % need not."""
+    hypotheses = ShapePrior(
+        box, loads=((0.13, 0.5), (0.6, 0.5)), load_sizes=((0.1, 1.0),), walls=((0.0, 1.0),), plain=(0.0, 0.02),
+        ends=(0.0, 0.3),
+    ).hypotheses  # fmt: skip
+    told = hypotheses.parameters(np.tile([np.log(0.8), 0.0, 0.0, 0.018, *np.zeros(6)], (2, 1)))[1]
+    matrix = np.diag([1e8, *[1e10] * 3, *[0.0] * 6])  # mass and centre alone are measured
+    assert hypotheses.most[0, 2] < 0.015
+    assert posterior(matrix, matrix @ told, hypotheses, 0.5).weights[0] < 0.01

@@ -105,12 +105,15 @@ def test_no_band_is_narrower_than_motion() -> None:
 
 
 @pytest.mark.parametrize("band", [4.0, 7.0, 10.0, 20.0])
-def test_noise_above_the_band_is_what_the_residuals_low_pass_leaves_of_it(band: float) -> None:
-    """White on torques, and on positions as it grows with the fourth power of the frequency."""
-    log = log_of(40.0, 250.0, 0.4, 2e-5)
+@pytest.mark.parametrize("torque_noise", [0.4, 0.01])
+def test_noise_above_the_band_is_what_the_residuals_low_pass_leaves_of_it(band: float, torque_noise: float) -> None:
+    """White on torques, and on positions as it grows with the fourth power of the frequency: each of them the more."""
+    log = log_of(40.0, 250.0, torque_noise, 2e-5)
     f = np.linspace(band, 10.0, 2001)
     inertial = mean_inertia(ARM, log)[:, None] * 2e-5 * (2.0 * np.pi * f) ** 2
-    wanted = np.sqrt(2.0 / 250.0 * np.trapezoid(0.4**2 + inertial**2, f, axis=1)) if band < 10.0 else np.zeros(6)
+    wanted = (
+        np.sqrt(2.0 / 250.0 * np.trapezoid(torque_noise**2 + inertial**2, f, axis=1)) if band < 10.0 else np.zeros(6)
+    )
     np.testing.assert_allclose(noise_above(ARM, log, band), wanted, rtol=0.1, atol=1e-12)
 
 

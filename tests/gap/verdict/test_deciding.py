@@ -75,6 +75,7 @@ def verdict(
     finest: float = 0.0,
     chosen: frozenset[int] | None = None,
     rivals: dict[frozenset[int], float] | None = None,
+    above: float = 0.0,
 ) -> Any:
     candidates = [at("coulomb_friction")] if candidates is None else candidates
     bench: Any = Known(candidates, variances, colour, rivals)
@@ -89,7 +90,7 @@ def verdict(
 
     monkeypatch.setattr(deciding, "findings_of", findings_of)
     monkeypatch.setattr(deciding, "separations_of", lambda *arguments: ())
-    records: Any = SimpleNamespace(n=3, rate=50.0, above=np.zeros(3))
+    records: Any = SimpleNamespace(n=3, rate=50.0, above=np.full(3, above))
     terms: Any = None
     return conclude(records, terms, bench, fit)
 
@@ -111,6 +112,12 @@ def test_where_nothing_is_named_something_may_be_left(
     least = verdict(monkeypatch, {CLEAN: [1.0, 4.1, 1.0]}, finest=0.2)
     assert least.verdict == "none", "beyond the least noise that any log has"
     assert found.noise_floor.shape == (3,)
+
+
+def test_noise_that_regressions_do_not_see_is_in_the_floor_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    below = verdict(monkeypatch, {CLEAN: [1.0, 1.0, 1.0]}).noise_floor
+    both = verdict(monkeypatch, {CLEAN: [1.0, 1.0, 1.0]}, above=0.5).noise_floor
+    np.testing.assert_allclose(both**2, below**2 + 0.25)
 
 
 BOTH = {CLEAN: [9.0, 1.0, 1.0], STRONG: [1.0, 1.0, 1.0]}

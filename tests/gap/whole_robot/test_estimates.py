@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 
-from twin_diagram.gap.whole_robot.estimates import by_evidence, widened
+from twin_diagram.gap.whole_robot.estimates import by_evidence, covariance, widened
 
 
 def test_what_kinds_of_motion_differ_by_widens_an_error_and_never_narrows_it() -> None:
@@ -27,3 +30,16 @@ def test_frictions_error_is_no_larger_than_what_left_out_motion_loses_without_it
     np.testing.assert_allclose(error, [*np.full(10, 2.0), 1.0, 0.5, 2.0, 2.0])
     nothing = by_evidence(wide, least, size, np.full((1, 4), -3.0))
     np.testing.assert_allclose(nothing, wide)
+
+
+def test_stretches_that_pull_apart_widen_what_torques_say_and_the_prior_stays_what_it_is() -> None:
+    """One coordinate known as well by torques as beforehand, and stretches pull twice as hard as noise would."""
+    stretches = {"first": np.array([2.0]), "second": np.array([0.0])}
+    problem: Any = SimpleNamespace(
+        system=lambda z, sums: (np.array([[2.0]]), None),
+        pulls=lambda z, stretch: stretches[stretch],
+        sums=SimpleNamespace(whole=None, sums=list(stretches)),
+        free=np.array([True]),
+        precision=np.array([[1.0]]),
+    )
+    np.testing.assert_allclose(covariance(problem, np.zeros(1)), [[(4.0 + 1.0) / 2.0**2]])

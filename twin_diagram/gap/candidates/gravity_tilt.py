@@ -28,8 +28,8 @@ def tilt(terms: Terms, about: Array | None = None) -> Candidate:
     Where `about` (2,) is told, by the mean of what gravity changes by on the straight way there: exact in its place.
     """
     tree = terms.records.model.tree
-    way = np.zeros(2) if about is None else about
-    start, middle, end = (slopes(share * way[0], share * way[1], tree.gravity) for share in (0.0, 0.5, 1.0))
+    roll, pitch = (0.0, 0.0) if about is None else about.tolist()
+    start, middle, end = (slopes(share * roll, share * pitch, tree.gravity) for share in (0.0, 0.5, 1.0))
     turns = (start + 4.0 * middle + end) / 6.0  # Simpson's rule
 
     def law(record: Record) -> Array:
