@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.assets.building.pictured import Shots, box, cameras, shots, write
 from twin_diagram.errors import FramesError
@@ -110,6 +111,20 @@ def test_grey_pictures_are_read_in_the_place_of_colours(folder: Path) -> None:
     np.testing.assert_array_equal(
         frames.read(1).rgb, np.dstack([cv2.imread(str(folder / "gray" / "000001.png"), cv2.IMREAD_GRAYSCALE)] * 3)
     )
+
+
+@pytest.mark.parametrize("held", [3, 2, 6])
+def test_a_picture_stays_as_its_pixels_are(held: int, folder: Path) -> None:
+    """Depth and K do not turn with how a telephone was held."""
+    path = folder / "rgb" / "000001.png"
+    path.unlink()
+    shade = np.add.outer(np.arange(160), np.arange(200) // 2).astype(np.uint8)
+    picture = Image.fromarray(np.dstack([shade, shade // 2, 255 - shade]))
+    told = Image.Exif()
+    told[0x0112] = held
+    picture.save(folder / "rgb" / "000001.jpg", exif=told, quality=95)
+    read = FrameFolder(folder).read(1).rgb
+    assert read is not None and np.abs(read - np.asarray(picture, dtype=float)).mean() < 3.0
 
 
 def test_a_depth_camera_may_tell_its_own_scale(folder: Path, taken: Shots) -> None:
