@@ -169,6 +169,17 @@ def test_two_rejected_measurements_that_agree_start_a_motion_with_their_covarian
         np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
+@pytest.mark.parametrize("period", [0.6, 1.0])
+def test_at_few_images_a_second_the_second_one_of_a_push_is_believed(period: float) -> None:
+    """Half a second apart at most, it was stale at its old place until it counted as lost."""
+    filter_ = filtered(Mode.REST, 1.0)
+    for k in (1, 2):
+        time, away = 1.0 + k * period, np.array([0, 0, 0, 0.1, 0, 0])
+        filter_ = object_update.update(filter_, measured(time, away), time, SETTINGS)
+        assert (filter_[FilterLayout.MODE] == Mode.MOVING) == (k == 2)
+    np.testing.assert_allclose(filter_[FilterLayout.POSE], object_update.moved(STILL, away))
+
+
 def test_rejected_measurements_that_disagree_begin_anew() -> None:
     filter_ = filtered(Mode.REST, 0.9)
     for time, side in ((1.0, 1), (1.1, -1), (1.2, 1)):

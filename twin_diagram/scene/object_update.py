@@ -66,7 +66,11 @@ class Tuning:
     """This many agreeing measurements make the filter believe a jump that no object can make."""
 
     agreement_time: float = 0.5
-    """Two rejected measurements farther apart than this are not compared [s]."""
+    """Two rejected measurements farther apart than this are not compared [s], …"""
+
+    agreement_share: float = 1.5
+    """… nor farther apart than this times what lay between the last one that was used and the first of them: a camera
+    that takes one picture a second has none nearer."""
 
     fastest: float = 2.0
     """No object is faster [m/s]."""
@@ -238,7 +242,9 @@ def _surprised(
     after[FilterLayout.REMEMBERED_TIME] = time
     after[FilterLayout.REMEMBERED_POSE] = pose
     before, elapsed = filter_[FilterLayout.REMEMBERED_POSE], time - filter_[FilterLayout.REMEMBERED_TIME]
-    if filter_[FilterLayout.REMEMBERED_TIME] < 0 or elapsed > TUNING.agreement_time:
+    since_seen = filter_[FilterLayout.REMEMBERED_TIME] - filter_[FilterLayout.LAST_SEEN]
+    longest = max(TUNING.agreement_time, TUNING.agreement_share * since_seen)
+    if filter_[FilterLayout.REMEMBERED_TIME] < 0 or elapsed > longest:
         after[FilterLayout.REJECTED] = 1.0
         return after
     if symmetric_about_z:
@@ -253,7 +259,6 @@ def _surprised(
     if not agree:
         after[FilterLayout.REJECTED] = 1.0
         return after
-    since_seen = filter_[FilterLayout.REMEMBERED_TIME] - filter_[FilterLayout.LAST_SEEN]
     needed = 2 if _possible(jumps[0] / since_seen) else TUNING.reacquire_images
     if after[FilterLayout.REJECTED] < needed:
         return after

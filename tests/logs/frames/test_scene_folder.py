@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.assets.building.pictured import Shots, box, cameras, shots, write
 from twin_diagram.errors import FramesError
@@ -112,6 +113,20 @@ def test_grey_pictures_are_read_in_the_place_of_colours(folder: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("held", [3, 2, 6])
+def test_a_picture_stays_as_its_pixels_are(held: int, folder: Path) -> None:
+    """Depth and K do not turn with how a telephone was held."""
+    path = folder / "rgb" / "000001.png"
+    path.unlink()
+    shade = np.add.outer(np.arange(160), np.arange(200) // 2).astype(np.uint8)
+    picture = Image.fromarray(np.dstack([shade, shade // 2, 255 - shade]))
+    told = Image.Exif()
+    told[0x0112] = held
+    picture.save(folder / "rgb" / "000001.jpg", exif=told, quality=95)
+    read = FrameFolder(folder).read(1).rgb
+    assert read is not None and np.abs(read - np.asarray(picture, dtype=float)).mean() < 3.0
+
+
 def test_a_depth_camera_may_tell_its_own_scale(folder: Path, taken: Shots) -> None:
     own = {"cam_K": [300, 0, 99.5, 0, 300, 79.5, 0, 0, 1], "depth_scale": 0.1}
     (folder / "camera_extra.json").write_text(json.dumps({"depth_camera": own}))
@@ -141,6 +156,40 @@ def test_depth_of_a_bent_picture_is_that_between_its_pixels(distortion: tuple[fl
     got = ExtraCamera(np.array(distortion), np.array(distortion)).straight_depth(seen, camera)
     there = (got > 0.0) & (want > 0.0) & (want < 3.0)
     assert there.mean() > 0.5 and np.abs(got - want)[there].max() < 1e-4
+
+
+@pytest.mark.parametrize("depth_apart", [False, True])
+@pytest.mark.parametrize(
+    ("lens", "told"),
+    [("fisheye", [-0.04, 0.02, -0.01, 0.003]), ("brown", [0.6, -1.9, 0.0004, -0.0003, 1.1, 0.45, -1.7, 1.0])],
+)
+def test_a_fisheye_and_a_rational_lens_are_straightened(lens: str, told: list[float], depth_apart: bool) -> None:
+    """Pictures of the bent ones' own columns: straight, each pixel tells which it came from."""
+    x, y = (np.arange(640) - 320.3) / 400.0, (np.arange(480)[:, None] - 238.1) / 390.0
+    r2 = x**2 + y**2
+    if lens == "fisheye":
+        angle, r = np.arctan(np.sqrt(r2)), np.sqrt(r2)
+        column = 400.0 * x / r * sum(k * angle ** (2 * n + 1) for n, k in enumerate([1.0, *told])) + 320.3
+    else:
+        k1, k2, p1, p2, k3, k4, k5, k6 = told
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        column = 400.0 * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)) + 320.3
+    none, own = np.zeros(0), np.array(told)
+    bent, kinds = (
+        ((none, own), (False, lens == "fisheye")) if depth_apart else ((own, none), (lens == "fisheye", False))
+    )
+    extra = ExtraCamera(*bent, depth_apart, fisheyes=kinds)
+    camera = ViewCamera(640, 480, 400.0, 390.0, 320.3, 238.1, np.eye(3), np.zeros(3))
+    inner = np.s_[60:-60, 60:-60]  # what lies beyond the bent picture mixes with none
+    # The inverse of depth is interpolated: what is linear in the column comes back as it is.
+    seen = np.broadcast_to((1.0 / (1.0 + np.arange(640) / 640)).astype(np.float32), (480, 640))
+    got = extra.straight_depth(np.ascontiguousarray(seen), camera)
+    assert np.abs(column - np.arange(640)).max() > 20.0
+    np.testing.assert_allclose((640 * (1 / got[inner] - 1)), column[inner], atol=0.05)
+    painted = np.dstack([np.broadcast_to((np.arange(640) // 4).astype(np.uint8), (480, 640))] * 3)
+    shade = extra.straight(painted, camera)[..., 0].astype(float)
+    want = painted[..., 0] if depth_apart else column / 4
+    assert np.abs(shade - want)[inner].max() < 1.1
 
 
 def test_a_distortion_that_no_lens_has_is_refused(folder: Path) -> None:
@@ -221,11 +270,23 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "time twice": (lambda f: (f / "times.json").write_text("[0, 1, 1]"), "frame 2 is at 1 s, the one before it at 1 s"),
     "no time": (lambda f: (f / "times.json").write_text("[NaN, 1, 2]"), "frame 0 is at nan s: times must be finite"),
     "few times": (lambda f: (f / "times.json").write_text("[0, 2]"), "a time .* for each of the 3 frames"),
-    "distortion": (lambda f: (f / "camera_extra.json").write_text('{"distortion": [1, 2]}'), "0 or 4 or 5 finite"),
+    "distortion": (lambda f: (f / "camera_extra.json").write_text('{"distortion": [1, 2]}'), "0 or 4 or 5 or 8 finite"),
     "inverse depth camera": (lambda f: depth_camera(f, K="1, 0, 0, 0, 1, 0, 0, 0, 1", R_DC=[1]), "R_DC is not read"),
     "a lens of another kind": (
         lambda f: (f / "camera_extra.json").write_text('{"distortion": [0.1, 0, 0, 0], "model": "fisheye"}'),
-        "camera_extra.json: model is not read; what is: distortion, depth_camera, calibration_std",
+        "camera_extra.json: model is not read; what is: distortion, lens, depth_camera, calibration_std",
+    ),
+    "an unknown lens": (
+        lambda f: (f / "camera_extra.json").write_text('{"lens": "mirror"}'),
+        "lens is 'mirror'; must be brown or fisheye",
+    ),
+    "a fisheye of five": (
+        lambda f: (f / "camera_extra.json").write_text('{"distortion": [0, 0, 0, 0, 0], "lens": "fisheye"}'),
+        "distortion must be 4 finite numbers",
+    ),
+    "a fisheye that folds": (
+        lambda f: (f / "camera_extra.json").write_text('{"distortion": [-9, 0, 0, 0], "lens": "fisheye"}'),
+        "distortion -9, 0, 0, 0 folds the picture over",
     ),
     "a slip of writing": (
         lambda f: (f / "camera_extra.json").write_text('{"distorsion": [0.1, 0, 0, 0]}'),

@@ -357,6 +357,22 @@ def test_without_a_table_all_that_is_seen_stands(library: Path, taken: Shots, tm
     assert len(lines(tmp_path / "out")) == 2
 
 
+def test_noise_on_a_wall_is_nothing_that_stands_on_it(library: Path, tmp_path: Path) -> None:
+    """Before a camera that hangs upside down nothing else tells table from wall."""
+    wall = trimesh.creation.box((1.6, 0.02, 1.0))
+    wall.apply_translation([0.0, 0.5, 0.45])
+    away = np.array([0.0, -np.cos(0.5), np.sin(0.5)])
+    x, z = np.array([-1.0, 0.0, 0.0]), -away
+    view = ViewCamera(400, 320, 380.0, 380.0, 199.5, 159.5, np.stack([x, np.cross(z, x), z], axis=1), away * 0.9)
+    rng = np.random.default_rng(3)
+    (frame,) = shots([body(SIZE, -0.04, 0.02, YAW), wall], [view]).frames
+    noisy = frame.depth + 0.003 * frame.depth**2 * rng.standard_normal(frame.depth.shape)
+    taken = Shots([replace(frame, depth=noisy.astype(np.float32))])
+    assert track(library, folder_of(taken, tmp_path / "frames"), tmp_path / "out") == 0
+    one = of(lines(tmp_path / "out")[0], "brick")
+    assert np.linalg.norm(np.array(one["p_WO"]) - [-0.04, 0.02, SIZE[2] / 2]) < 0.004
+
+
 def test_frames_without_depth_come_before_the_first_that_counts(
     library: Path, taken: Shots, tracked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,15 +1,17 @@
 """What `camera_extra.json` adds to a BOP scene: distortion, a depth camera of its own, how well it is calibrated.
 
-`{"distortion": [k1, k2, p1, p2, k3], "depth_camera": {"cam_K": [9 numbers], "distortion": […], "R_CD": [9 numbers],
-"t_CD": [3 numbers, mm], "depth_scale": mm}, "calibration_std": {"position": mm, "rotation": rad, "focal": share,
-"centre": px, "depth_scale": share}}`, all optional; distortion as OpenCV has it, D the depth camera's optical frame, C
-that of the colour camera. The depth camera's own `depth_scale` goes before that of `scene_camera.json`. Another name is
-refused: a lens of another kind, or a slip of writing, would else be passed over.
+`{"distortion": [k1, k2, p1, p2, k3], "lens": "brown", "depth_camera": {"cam_K": [9 numbers], "distortion": […], "lens":
+…, "R_CD": [9 numbers], "t_CD": [3 numbers, mm], "depth_scale": mm}, "calibration_std": {"position": mm, "rotation":
+rad, "focal": share, "centre": px, "depth_scale": share}}`, all optional; distortion as OpenCV has it: of a `brown` lens
+4, 5 or 8 (rational) coefficients, of a `fisheye` k1 to k4. D is the depth camera's optical frame, C that of the colour
+camera. The depth camera's own `depth_scale` goes before that of `scene_camera.json`. Another name is refused: a slip of
+writing would else be passed over.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +24,13 @@ from twin_diagram.logs.frames.folder_files import in_folder, read_json
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.calibration_error import CalibrationError
-from twin_diagram.signals.lens import Lens, depth_between, folds, straightening
+from twin_diagram.signals.lens import TUNING as LENSES
+from twin_diagram.signals.lens import Lens, Map, depth_between, folds, straightening
 
 
 @dataclass(frozen=True)
 class ExtraCamera:
-    """Distortion of both cameras, (5,) or empty, and the depth camera's (fx, fy, cx, cy).
+    """Distortion of both cameras, (n,) or empty, whether they are fisheyes, and the depth camera's (fx, fy, cx, cy).
 
     R_CD and p_CD [m] where it is apart. `depth_scale`: its own [mm], or None. `calibration`: how well all that is
     known; None where it is not told. `file`: that says so.
@@ -42,6 +45,7 @@ class ExtraCamera:
     depth_scale: float | None = None
     calibration: CalibrationError | None = None
     file: Path = Path("camera_extra.json")
+    fisheyes: tuple[bool, bool] = (False, False)
 
     def depth_camera(self, colour: ViewCamera, size: tuple[int, ...]) -> ViewCamera:
         """Return the camera of a depth image of `size` (h, w) beside that of the colour image."""
@@ -56,9 +60,9 @@ class ExtraCamera:
         Raises:
             FramesError: the distortion is none that a lens has.
         """
-        lens = self._lens(camera, self.distortion)
+        places = self._places(camera, self.distortion, self.fisheyes[0])
         how = cv2.INTER_LINEAR if image.ndim == 3 else cv2.INTER_NEAREST
-        return image if lens is None else np.asarray(cv2.remap(image, *straightening(lens), how), np.uint8)
+        return image if places is None else np.asarray(cv2.remap(image, *places, how), np.uint8)
 
     def straight_depth(self, depth: npt.NDArray[np.float32], camera: ViewCamera) -> npt.NDArray[np.float32]:
         """Return depth without distortion: each pixel that of the surface there, never a mean across an edge.
@@ -66,19 +70,41 @@ class ExtraCamera:
         Raises:
             FramesError: as of `straight`.
         """
-        lens = self._lens(camera, self.depth_distortion if self.depth_apart else self.distortion)
-        return depth if lens is None else depth_between(depth, *straightening(lens))
+        distortion = self.depth_distortion if self.depth_apart else self.distortion
+        places = self._places(camera, distortion, self.fisheyes[1 if self.depth_apart else 0])
+        return depth if places is None else depth_between(depth, *places)
 
-    def _lens(self, camera: ViewCamera, distortion: Array) -> Lens | None:
-        """Return a camera's lens; None where it bends nothing."""
-        if not distortion.any():
+    def _places(self, camera: ViewCamera, distortion: Array, fisheye: bool) -> tuple[Map, Map] | None:
+        """Return where a camera shows what it would show straight; None where it bends nothing, which no fisheye does.
+
+        Raises:
+            FramesError: it would show some place twice.
+        """
+        if not fisheye and not distortion.any():
             return None
-        k1, k2, p1, p2, k3 = (*map(float, distortion), 0.0)[:5]
-        lens = Lens(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, (k1, k2, p1, p2, k3))
-        if folds(lens):
+        bending = tuple(map(float, distortion))
+        own = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+        if fisheye or len(bending) > 5:
+            places = _opencv_places(Lens(*own), bending, fisheye)
+            folded = min(np.diff(places[0], axis=1).min(), np.diff(places[1], axis=0).min()) < LENSES.folded
+        else:
+            lens = Lens(*own, (*bending, 0.0)[:5])
+            folded = folds(lens)
+            places = straightening(lens)
+        if folded:
             told = ", ".join(f"{k:g}" for k in distortion)
             raise FramesError(f"{self.file}: distortion {told} folds the picture over")
-        return lens
+        return places
+
+
+@lru_cache(maxsize=8)
+def _opencv_places(straight: Lens, distortion: tuple[float, ...], fisheye: bool) -> tuple[Map, Map]:
+    """Return what `straightening` does, of a rational lens or of a fisheye."""
+    K = np.array([[straight.fx, 0.0, straight.cx], [0.0, straight.fy, straight.cy], [0.0, 0.0, 1.0]])
+    told = np.array(distortion or (0.0,) * 4)
+    make = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
+    u, v = make(K, told, np.eye(3), K, (straight.width, straight.height), cv2.CV_32FC1)
+    return np.asarray(u, np.float32), np.asarray(v, np.float32)
 
 
 def read_extra(folder: Path) -> ExtraCamera:
@@ -95,10 +121,10 @@ def read_extra(folder: Path) -> ExtraCamera:
     if not isinstance(raw, dict) or not (own is None or isinstance(own, dict)):
         raise FramesError(f"{path}: must hold an object with distortion and depth_camera")
     _refuse_others(raw, _KEYS, str(path))
-    distortion = _list(raw, "distortion", (0, 4, 5), path)
+    distortion, fisheye = _distortion(raw, path)
     calibration = _calibration(raw, path)
     if own is None:
-        return ExtraCamera(distortion, distortion, calibration=calibration, file=path)
+        return ExtraCamera(distortion, distortion, calibration=calibration, file=path, fisheyes=(fisheye, fisheye))
     _refuse_others(own, _DEPTH_KEYS, f"{path}: depth_camera")
     K = _list(own, "cam_K", (9,), path).reshape(3, 3)
     if not np.allclose(K[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]], [0, 0, 0, 0, 1], atol=1e-6):
@@ -111,12 +137,12 @@ def read_extra(folder: Path) -> ExtraCamera:
     scale = float(_list(own, "depth_scale", (1,), path)[0]) if "depth_scale" in own else None
     if scale is not None and scale <= 0:
         raise FramesError(f"{path}: depth_camera: depth_scale is {scale:g}, must be positive [mm]")
-    bent = _list(own, "distortion", (0, 4, 5), path)
-    return ExtraCamera(distortion, bent, True, intrinsics, R, p, scale, calibration, path)
+    bent, other = _distortion(own, path)
+    return ExtraCamera(distortion, bent, True, intrinsics, R, p, scale, calibration, path, (fisheye, other))
 
 
-_KEYS = ("distortion", "depth_camera", "calibration_std")
-_DEPTH_KEYS = ("cam_K", "distortion", "R_CD", "t_CD", "depth_scale")
+_KEYS = ("distortion", "lens", "depth_camera", "calibration_std")
+_DEPTH_KEYS = ("cam_K", "distortion", "lens", "R_CD", "t_CD", "depth_scale")
 """What is read of the file, and of the depth camera in it."""
 
 
@@ -128,6 +154,18 @@ def _refuse_others(told: dict[str, Any], known: tuple[str, ...], where: str) -> 
     """
     if other := [key for key in told if key not in known]:
         raise FramesError(f"{where}: {other[0]} is not read; what is: {', '.join(known)}")
+
+
+_COEFFICIENTS = {"brown": (0, 4, 5, 8), "fisheye": (4,)}
+"""Of each kind of lens, how many there may be."""
+
+
+def _distortion(told: dict[str, Any], path: Path) -> tuple[Array, bool]:
+    """Return a camera's distortion, and whether it is a fisheye's."""
+    kind = told.get("lens", "brown")
+    if not isinstance(kind, str) or kind not in _COEFFICIENTS:
+        raise FramesError(f"{path}: lens is {kind!r}; must be {' or '.join(_COEFFICIENTS)}")
+    return _list(told, "distortion", _COEFFICIENTS[kind], path), kind == "fisheye"
 
 
 _STD = ("position", "rotation", "focal", "centre", "depth_scale")

@@ -94,11 +94,15 @@ def read_image(path: Path, flags: int) -> npt.NDArray[Any]:
 
 
 def image_of(data: bytes, flags: int) -> npt.NDArray[Any] | None:
-    """Return a file's image, None where it is none; of one that is cut off, OpenCV's own complaints are not printed."""
+    """Return a file's image, None where it is none; of one that is cut off, OpenCV's own complaints are not printed.
+
+    Pixels stay where they are, whichever way a telephone notes that it was held: K, depth and uv tell of them so.
+    """
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
+        as_it_is = flags | cv2.IMREAD_IGNORE_ORIENTATION
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), as_it_is) if data else None
     except cv2.error:  # one of 2³⁰ pixels and more
         image = None
     finally:

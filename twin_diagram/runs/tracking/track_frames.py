@@ -166,7 +166,8 @@ def _begun(
         say(f"note: no rgb/, {left} things apart")
     if frame.number != folder.numbers[0]:
         say(f"note: tracking begins at frame {frame.number}: there is no depth before it")
-    noise, base = measured(frame.depth), table_frame(depth, camera)
+    noise = measured(frame.depth)
+    base = table_frame(depth, replace(camera, depth_noise=noise))
     if not base.found:
         say("note: no table in view; all that is seen counts as standing")
     return base, noise, _doubt(folder, noise)
