@@ -223,6 +223,7 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
         read_log(tmp_path)
     for name, message in (
         ("x.txt", r"none of \.csv, \.npz, a ROS bag .* and an LCM log"),
+        ("x.csv.gz", "an LCM log; unpack it first"),
         ("x.csv#topic", "only ROS bags and LCM logs hold several streams"),
         ("x.npz", "damaged"),
     ):

@@ -120,6 +120,15 @@ def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
         load_scenario(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("name", "command"), [("log.csv", "replay"), ("run.MCAP", "replay"), ("arm.urdf", "init --arm")]
+)
+def test_what_is_no_scenario_is_told_what_takes_it(tmp_path: Path, name: str, command: str) -> None:
+    (tmp_path / name).write_bytes(b"\x89\xff")
+    with pytest.raises(ScenarioError, match=f"`twin-diagram {command}`"):
+        load_scenario(tmp_path / name)
+
+
 def test_defaults_written_out_load_again() -> None:
     assert parse_scenario(yaml.safe_load(dump_scenario(Scenario()))) == Scenario()
 

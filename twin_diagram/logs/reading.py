@@ -48,6 +48,9 @@ BAGS = (".mcap", ".db3", ".bag")
 LCM_LOGS = (".lcm", ".lcmlog", ".log")
 """Endings of LCM logs; `lcm-logger` itself asks for none."""
 
+_PACKED = (".gz", ".bz2", ".xz", ".zst", ".zip")
+"""Endings of files that hold another one."""
+
 
 def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     """Read a measured log: CSV or .npz in the log format, a ROS bag, or an LCM log.
@@ -92,7 +95,8 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
         return log_from_columns(read_columns(path), str(path), lambda sample: f"line {sample + 2}")
     if suffix == ".npz":
         return log_from_columns(_read_npz(path), str(path), lambda sample: f"sample {sample}")
-    raise LogError(f"{path}: is none of .csv, .npz, a ROS bag (.mcap, .db3, .bag) and an LCM log")
+    packed = "; unpack it first" if suffix in _PACKED else ""
+    raise LogError(f"{path}: is none of .csv, .npz, a ROS bag (.mcap, .db3, .bag) and an LCM log{packed}")
 
 
 def _foreign(path: Path, columns: str | Path) -> Log:
