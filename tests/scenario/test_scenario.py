@@ -576,6 +576,7 @@ TWIN_CASES = {
     "twin.camera.X_WC.rpy=[1, 2, 3, 4]": ("twin.camera.X_WC.rpy",),
     "twin.cameras={my cam: {role: perception}}": ("twin.cameras.my cam: 'my cam'", "letters"),
     "twin.camera.X_WC.rpy=[-130, 0, 90]": ("twin.camera.X_WC.rpy", "-130", "degrees"),
+    "twin.camera.X_WC.translation=[1400, 0, 850]": ("twin.camera.X_WC.translation", "1400", "millimetres"),
     "twin.filter.rate=-5": ("twin.filter.rate", "-5.0"),
     "twin.filter.parameters=[magic]": ("twin.filter.parameters", "'magic'", "payload"),
     "twin.perception.stride=0": ("twin.perception.stride", "0"),
