@@ -167,7 +167,7 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
         if len(bad):
             shown = name.replace(TORQUES[0], CURRENT) if currents else name
             raise LogError(f"{source}: {where(int(bad[0]))}: {shown} is {_say(values[bad[0]])}")
-    _check_time(time, source, where)
+    _check_time(time, columns, source, where)
     signals: dict[str, Any] = {
         attribute: signal
         for name, attribute in SIGNALS.items()
@@ -220,14 +220,17 @@ def _signal(columns: Mapping[str, Array], signal: str, joints: Sequence[str], so
     return np.stack([columns[f"{signal}.{joint}"] for joint in joints], axis=1)
 
 
-def _check_time(time: Array, source: str, where: Callable[[int], str]) -> None:
+def _check_time(time: Array, columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> None:
     steps = np.diff(time)
     bad = np.flatnonzero(steps <= 0.0)
     if len(bad):
         k = int(bad[0])
         what = "is the same as" if steps[k] == 0.0 else "is before"
         what += " the one above it; time must rise"
-        if np.median(steps) == 0.0 and not np.any(steps < 0.0):
+        again = np.flatnonzero(steps == 0.0)
+        if len(again) and all(np.array_equal(column[again], column[again + 1]) for column in columns.values()):
+            what += ". Such samples are the same in all columns: leave one of each"
+        elif np.median(steps) == 0.0 and not np.any(steps < 0.0):
             what += ". So it is of most: they were written with too few digits"
         raise LogError(f"{source}: {where(k + 1)}: time {float(time[k + 1])!r} {what}")
 

@@ -94,7 +94,8 @@ def position_predicted(
     smooth = motion(log) if smooth is None else smooth
     regular = smooth.log
     if not 0.0 < horizon < regular.time[-1] - regular.time[0]:
-        raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than the log")
+        span = f"the log's {regular.time[-1] - regular.time[0]:.3g} s"
+        raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than {span}")
     rolled = _Rolled(model.for_run(fingerprint(log)), smooth, horizon)
     steps = rolled.steps
     result = np.empty_like(regular.position)
