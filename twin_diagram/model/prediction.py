@@ -21,6 +21,7 @@ from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpass, motion
 from twin_diagram.logs.easing import eased
 from twin_diagram.logs.parting import longest, parted
+from twin_diagram.logs.prefixes import under_names_of
 from twin_diagram.logs.straightening import straightened
 from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.logs.writing import check_kind
@@ -219,7 +220,8 @@ def load_model_for(
     The model with the log's joints, the log in the model's order, checked.
 
     Joints of the description that are driven by default must be in the log, but for those that the logged ones do not
-    feel: another arm's, which are held. Prismatic joints become the arm's where the log has them. `torque_side` as of
+    feel: another arm's, which are held. Prismatic joints become the arm's where the log has them. A prefix before all
+    names, of the model's or the log's alone, makes no difference (`under_names_of`). `torque_side` as of
     `Model.load`, `constants` as of `as_explained`; `joints` names those of one arm of a robot that has more.
 
     Raises:
@@ -229,8 +231,9 @@ def load_model_for(
     spec = description.resolve(model, packages)
     if joints:
         named = Model.load(replace(spec, joints=list(joints)), packages, torque_side=torque_side)
-        return (named, *as_explained(named, log, constants))
+        return (named, *as_explained(named, under_names_of(named.joints, log), constants))
     loaded = Model.load(spec, packages, torque_side=torque_side)
+    log = under_names_of(loaded.joints, log)
     held = []
     if apart := _of_another_arm(loaded, log):
         rest = [joint for joint in loaded.joints if joint not in apart]
