@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from twin_diagram.errors import LogError
-from twin_diagram.logs import Log
+from twin_diagram.logs import Log, write_log
 from twin_diagram.logs.prefixes import under_names_of
-from twin_diagram.model import load_model_for
+from twin_diagram.model import load_model_for, predict
+from twin_diagram.station.replay import reading
 
 UR5E = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 JOINTS = tuple(f"{name}_joint" for name in UR5E)
@@ -30,6 +32,14 @@ def test_a_prefix_before_all_names_makes_no_difference(prefix: str) -> None:
     np.testing.assert_array_equal(own.position, given.position[:, 5::-1])
     (said,) = [warning.message for warning in warnings if warning.code == "left_out"]
     assert said.startswith(f"a.csv: its {prefix}shoulder_pan_joint and the like are taken for the model's shoulder_pan")
+
+
+def test_predict_and_replay_take_it(tmp_path: Path) -> None:
+    write_log(log(tuple("ur_" + joint for joint in JOINTS)), tmp_path / "log.csv")
+    predict("arms/ur5e.urdf", tmp_path / "log.csv", tmp_path / "p.csv")
+    messages = reading.read_log(tmp_path / "log.csv", JOINTS, np.ones(6, bool))  # of a replay
+    assert messages.position.shape == (200, 6)
+    assert (tmp_path / "p.csv").read_text().startswith("time,torque_predicted.shoulder_pan_joint")
 
 
 def test_the_model_may_have_it_instead() -> None:

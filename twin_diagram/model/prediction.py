@@ -231,7 +231,7 @@ def load_model_for(
     spec = description.resolve(model, packages)
     if joints:
         named = Model.load(replace(spec, joints=list(joints)), packages, torque_side=torque_side)
-        return (named, *as_explained(named, under_names_of(named.joints, log), constants))
+        return (named, *as_explained(named, log, constants))
     loaded = Model.load(spec, packages, torque_side=torque_side)
     log = under_names_of(loaded.joints, log)
     held = []
@@ -269,6 +269,7 @@ def as_explained(model: Model, log: Log, constants: TorqueConstants | None = Non
     Raises:
         LogError: see `logs.check`.
     """
+    log = under_names_of(model.joints, log)
     log = log if constants is None else constants.applied(log, model.joints)
     warnings = check(log, model.limits)
     if log.link_side and not model.arm.link_side:
@@ -314,7 +315,7 @@ def predict(
         raise LogError(f"--out {out}: {why}")
     raw = read_log(log, columns)
     loaded, measured, warnings = load_model_for(raw, model, packages, torque_side, constants, joints)
-    turned = measured.position - raw.select(loaded.joints).position
+    turned = measured.position - under_names_of(loaded.joints, raw).select(loaded.joints).position
     for warning in warnings:
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
     even = straightened(measured)
