@@ -341,6 +341,14 @@ def test_output_that_nothing_takes_is_one_line(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (2, "error: No space left on device\n")
 
 
+def test_output_that_is_closed_is_none() -> None:
+    """A bare service, or `>&-`: it ended in a traceback, once all was done."""
+    script = "import sys; from twin_diagram import cli; cli._predict = lambda _: print('x') or 0; sys.exit(cli.main())"
+    argv = [sys.executable, "-c", script, "predict", "--model", "m", "--log", "l", "--out", "o"]
+    done = subprocess.run(["sh", "-c", 'exec "$@" >&-', "sh", *argv], stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 # What works.
 
 

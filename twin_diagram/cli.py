@@ -35,6 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: what follows the program's name; None: this process's own, which ends here where a signal stops it.
     """
+    for closed in [name for name in ("stdout", "stderr") if getattr(sys, name) is None]:  # `>&-`, a bare service
+        setattr(sys, closed, open(os.devnull, "w", encoding="utf-8"))  # takes its number, before a file of ours does
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="replace")  # where the terminal has no `·` or `°`, the rest is worth reading
     arguments = _parser().parse_args(argv)

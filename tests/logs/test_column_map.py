@@ -137,6 +137,18 @@ torque_measured: {columns: [i_sh, f], unit: [mA, N], torque_constant: [11.0, 1.0
     np.testing.assert_allclose(log.time, t, atol=1e-12)
 
 
+def test_any_list_tells_how_many_joints_there_are(tmp_path: Path) -> None:
+    """Columns by a pattern, a constant for each joint: the names were asked for, whatever the model calls them."""
+    t, q, _, tau = motion(2)
+    path = table(tmp_path / "own.csv", {"time": t, "q1": q[:, 0], "q2": q[:, 1], "i1": tau[:, 0], "i2": tau[:, 1] / 2})
+    given = {"position_measured": {"column": "q{i}", "first": 1}}
+    given |= {"torque_measured": {"column": "i{i}", "first": 1, "unit": "A", "torque_constant": [1.0, 2.0]}}
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(given))
+    log = read_log(path, tmp_path / "map.yaml")
+    assert log.numbered and len(log.joints) == 2
+    np.testing.assert_allclose(log.torque, tau, rtol=1e-6)
+
+
 def test_names_may_be_patterns_and_npz_may_be_foreign(tmp_path: Path) -> None:
     t, q, _, tau = motion(2)
     np.savez(tmp_path / "a.npz", time=t, **{f"{j}/q": q[:, k] for k, j in enumerate("ab")}, t5=tau[:, 0], t6=tau[:, 1])

@@ -156,6 +156,9 @@ BAD_TEXT = {
     r"line 6 has 0 cell\(s\)": csv().replace("0.04,0.4,1.0", ""),
     "column 'time' is there 2 times": csv().replace("position_measured.a", "time"),
     "too few digits": csv(time=[1.7e9 + (k // 7) for k in range(20)]),
+    "is the same as .* leave one of each": "".join(
+        line * (1 if line[0] == "t" else 3) for line in csv().splitlines(True)
+    ),
     "semicolons": csv().replace(",", ";"),
     "separated by semicolons": csv()
     .replace(",", ";")
@@ -223,6 +226,7 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
         read_log(tmp_path)
     for name, message in (
         ("x.txt", r"none of \.csv, \.npz, a ROS bag .* and an LCM log"),
+        ("x.csv.gz", "an LCM log; unpack it first"),
         ("x.csv#topic", "only ROS bags and LCM logs hold several streams"),
         ("x.npz", "damaged"),
     ):

@@ -275,6 +275,12 @@ def test_an_arm_of_prismatic_joints_alone_has_no_error_in_radians() -> None:
     json.dumps(result, allow_nan=False)
 
 
+def test_without_objects_the_table_begins_with_the_joints() -> None:
+    """A head of a table of objects stood over nothing."""
+    assert table(summary(record({}))).startswith("joint error")
+    assert table(summary(record())).startswith("object ")
+
+
 def test_the_table_tells_how_far_off_previews_were() -> None:
     result = summary(record())
     assert "preview" not in table(result)

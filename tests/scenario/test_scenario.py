@@ -120,6 +120,15 @@ def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
         load_scenario(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("name", "command"), [("log.csv", "replay"), ("run.MCAP", "replay"), ("arm.urdf", "init --arm")]
+)
+def test_what_is_no_scenario_is_told_what_takes_it(tmp_path: Path, name: str, command: str) -> None:
+    (tmp_path / name).write_bytes(b"\x89\xff")
+    with pytest.raises(ScenarioError, match=f"`twin-diagram {command}`"):
+        load_scenario(tmp_path / name)
+
+
 def test_defaults_written_out_load_again() -> None:
     assert parse_scenario(yaml.safe_load(dump_scenario(Scenario()))) == Scenario()
 
@@ -567,6 +576,7 @@ TWIN_CASES = {
     "twin.camera.X_WC.rpy=[1, 2, 3, 4]": ("twin.camera.X_WC.rpy",),
     "twin.cameras={my cam: {role: perception}}": ("twin.cameras.my cam: 'my cam'", "letters"),
     "twin.camera.X_WC.rpy=[-130, 0, 90]": ("twin.camera.X_WC.rpy", "-130", "degrees"),
+    "twin.camera.X_WC.translation=[1400, 0, 850]": ("twin.camera.X_WC.translation", "1400", "millimetres"),
     "twin.filter.rate=-5": ("twin.filter.rate", "-5.0"),
     "twin.filter.parameters=[magic]": ("twin.filter.parameters", "'magic'", "payload"),
     "twin.perception.stride=0": ("twin.perception.stride", "0"),

@@ -246,15 +246,11 @@ def _joints(given: Any, arm: int, content: Mapping[str, Any], source: str) -> tu
         if len(set(given)) < len(given):
             raise LogError(f"{source}: joints: names one twice")
         return tuple(given)
-    listed = [len(field["columns"]) for field in content.values() if _lists_columns(field)]
-    count = arm or max(listed, default=0)
+    fields = [field for field in content.values() if isinstance(field, Mapping)]
+    count = arm or max((len(told) for field in fields for told in field.values() if isinstance(told, list)), default=0)
     if not count:
         raise LogError(f"{source}: joints: is missing; name them in the order of the columns")
     return tuple(f"#{k + 1}" for k in range(count))
-
-
-def _lists_columns(field: Any) -> bool:
-    return isinstance(field, Mapping) and isinstance(field.get("columns"), list)
 
 
 def _columns(signal: str, field: Any, joints: Sequence[str], where: str) -> tuple[Column, ...]:

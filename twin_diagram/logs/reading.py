@@ -48,6 +48,9 @@ BAGS = (".mcap", ".db3", ".bag")
 LCM_LOGS = (".lcm", ".lcmlog", ".log")
 """Endings of LCM logs; `lcm-logger` itself asks for none."""
 
+_PACKED = (".gz", ".bz2", ".xz", ".zst", ".zip")
+"""Endings of files that hold another one."""
+
 
 def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     """Read a measured log: CSV or .npz in the log format, a ROS bag, or an LCM log.
@@ -92,7 +95,8 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
         return log_from_columns(read_columns(path), str(path), lambda sample: f"line {sample + 2}")
     if suffix == ".npz":
         return log_from_columns(_read_npz(path), str(path), lambda sample: f"sample {sample}")
-    raise LogError(f"{path}: is none of .csv, .npz, a ROS bag (.mcap, .db3, .bag) and an LCM log")
+    packed = "; unpack it first" if suffix in _PACKED else ""
+    raise LogError(f"{path}: is none of .csv, .npz, a ROS bag (.mcap, .db3, .bag) and an LCM log{packed}")
 
 
 def _foreign(path: Path, columns: str | Path) -> Log:
@@ -163,7 +167,7 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
         if len(bad):
             shown = name.replace(TORQUES[0], CURRENT) if currents else name
             raise LogError(f"{source}: {where(int(bad[0]))}: {shown} is {_say(values[bad[0]])}")
-    _check_time(time, source, where)
+    _check_time(time, columns, source, where)
     signals: dict[str, Any] = {
         attribute: signal
         for name, attribute in SIGNALS.items()
@@ -216,14 +220,17 @@ def _signal(columns: Mapping[str, Array], signal: str, joints: Sequence[str], so
     return np.stack([columns[f"{signal}.{joint}"] for joint in joints], axis=1)
 
 
-def _check_time(time: Array, source: str, where: Callable[[int], str]) -> None:
+def _check_time(time: Array, columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> None:
     steps = np.diff(time)
     bad = np.flatnonzero(steps <= 0.0)
     if len(bad):
         k = int(bad[0])
         what = "is the same as" if steps[k] == 0.0 else "is before"
         what += " the one above it; time must rise"
-        if np.median(steps) == 0.0 and not np.any(steps < 0.0):
+        again = np.flatnonzero(steps == 0.0)
+        if len(again) and all(np.array_equal(column[again], column[again + 1]) for column in columns.values()):
+            what += ". Such samples are the same in all columns: leave one of each"
+        elif np.median(steps) == 0.0 and not np.any(steps < 0.0):
             what += ". So it is of most: they were written with too few digits"
         raise LogError(f"{source}: {where(k + 1)}: time {float(time[k + 1])!r} {what}")
 

@@ -21,6 +21,7 @@ from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpass, motion
 from twin_diagram.logs.easing import eased
 from twin_diagram.logs.parting import longest, parted
+from twin_diagram.logs.prefixes import under_names_of
 from twin_diagram.logs.straightening import straightened
 from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.logs.writing import check_kind
@@ -94,7 +95,8 @@ def position_predicted(
     smooth = motion(log) if smooth is None else smooth
     regular = smooth.log
     if not 0.0 < horizon < regular.time[-1] - regular.time[0]:
-        raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than the log")
+        span = f"the log's {regular.time[-1] - regular.time[0]:.3g} s"
+        raise LogError(f"{log.source}: horizon {horizon:g} s: must be positive and shorter than {span}")
     rolled = _Rolled(model.for_run(fingerprint(log)), smooth, horizon)
     steps = rolled.steps
     result = np.empty_like(regular.position)
@@ -218,7 +220,8 @@ def load_model_for(
     The model with the log's joints, the log in the model's order, checked.
 
     Joints of the description that are driven by default must be in the log, but for those that the logged ones do not
-    feel: another arm's, which are held. Prismatic joints become the arm's where the log has them. `torque_side` as of
+    feel: another arm's, which are held. Prismatic joints become the arm's where the log has them. A prefix before all
+    names, of the model's or the log's alone, makes no difference (`under_names_of`). `torque_side` as of
     `Model.load`, `constants` as of `as_explained`; `joints` names those of one arm of a robot that has more.
 
     Raises:
@@ -230,6 +233,7 @@ def load_model_for(
         named = Model.load(replace(spec, joints=list(joints)), packages, torque_side=torque_side)
         return (named, *as_explained(named, log, constants))
     loaded = Model.load(spec, packages, torque_side=torque_side)
+    log = under_names_of(loaded.joints, log)
     held = []
     if apart := _of_another_arm(loaded, log):
         rest = [joint for joint in loaded.joints if joint not in apart]
@@ -265,6 +269,7 @@ def as_explained(model: Model, log: Log, constants: TorqueConstants | None = Non
     Raises:
         LogError: see `logs.check`.
     """
+    log = under_names_of(model.joints, log)
     log = log if constants is None else constants.applied(log, model.joints)
     warnings = check(log, model.limits)
     if log.link_side and not model.arm.link_side:
@@ -310,7 +315,7 @@ def predict(
         raise LogError(f"--out {out}: {why}")
     raw = read_log(log, columns)
     loaded, measured, warnings = load_model_for(raw, model, packages, torque_side, constants, joints)
-    turned = measured.position - raw.select(loaded.joints).position
+    turned = measured.position - under_names_of(loaded.joints, raw).select(loaded.joints).position
     for warning in warnings:
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
     even = straightened(measured)

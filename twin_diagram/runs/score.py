@@ -228,8 +228,10 @@ def table(summary: Mapping[str, Any]) -> str:
     def figure(value: float | None, form: str) -> str:
         return "–".rjust(int(form.split(".")[0] or 0)) if value is None else format(value, form)
 
-    lines = [f"{'object':<14}{'position [mm]':>22}{'rotation [°]':>22}{'visible':>10}"]
-    lines.append(f"{'':<14}{'median':>12}{'p95':>10}{'median':>12}{'p95':>10}{'share':>10}")
+    lines = []
+    if summary["objects"]:
+        lines.append(f"{'object':<14}{'position [mm]':>22}{'rotation [°]':>22}{'visible':>10}")
+        lines.append(f"{'':<14}{'median':>12}{'p95':>10}{'median':>12}{'p95':>10}{'share':>10}")
     for name, entry in summary["objects"].items():
         position, rotation = entry["position_error_mm"], entry["rotation_error_deg"]
         axis = f" (about {entry['symmetric_axis']}: free)" if entry["symmetric_axis"] else ""
@@ -239,7 +241,7 @@ def table(summary: Mapping[str, Any]) -> str:
             f"{entry['visible_share']:>10.0%}{axis}"
         )
     payload, goal = summary["payload"], summary["goal"]
-    lines += ["", f"{'joint error':<22}{'rms':>10}{'max':>10}"]
+    lines += [""] * bool(lines) + [f"{'joint error':<22}{'rms':>10}{'max':>10}"]
     for name, entry in summary["arm"]["joints"].items():
         rms, most = (figure(entry[key], ".1e") for key in ("rms", "max"))
         lines.append(f"{name:<22}{rms:>10}{most:>10} {entry['unit']}")

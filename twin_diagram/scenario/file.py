@@ -59,6 +59,11 @@ for _class in (_Loader, _Dumper):
         list("-+.0123456789"),
     )
 
+_OTHER_FILES = dict.fromkeys(
+    (".csv", ".npz", ".mcap", ".db3", ".bag"), "is a log; `twin-diagram replay` runs the twin on one"
+) | dict.fromkeys((".urdf", ".sdf", ".xml"), "describes a robot; `twin-diagram init --arm` writes a scenario for it")
+"""What else users have beside a scenario, and what takes it."""
+
 
 def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
     """Read a scenario.
@@ -74,6 +79,8 @@ def load_scenario(path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
     """
     expect_path(path, "scenario", "a YAML file (or the name of a scenario that comes along)")
     file = find_scenario(path)
+    if file.suffix.lower() in _OTHER_FILES:
+        raise ScenarioError(str(path), f"{_OTHER_FILES[file.suffix.lower()]}; a scenario is YAML")
     try:
         text = file.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:

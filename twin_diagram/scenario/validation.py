@@ -101,6 +101,8 @@ MOST_RATE = 1e5
 """What comes more often than this [1/s] was told in another unit, and fills the memory."""
 MOST_TURN = 2 * math.pi + 1e-3
 """An angle of a pose beyond a whole turn, and rounding [rad], was told in degrees."""
+MOST_AWAY = 100.0
+"""What stands further from the world's origin than this [m] was told in millimetres: no arm works in such a hall."""
 BEFORE_NEXT = 0.002
 """What an image shows is to count so long before the next is delivered [s]: twice the millisecond after which images
 are looked at."""
@@ -251,6 +253,9 @@ def _check_fields(value: Any, name: str) -> None:
                 raise ScenarioError(f"{name}.{field}", f"{getattr(value, field)} is not three numbers")
         if max(map(abs, value.rpy)) > MOST_TURN:
             raise ScenarioError(f"{name}.rpy", f"{value.rpy} looks like degrees; angles are in rad")
+        if max(map(abs, value.translation)) > MOST_AWAY:
+            said = f"{value.translation} is more than {MOST_AWAY:g} m away: it looks like millimetres; lengths are in m"
+            raise ScenarioError(f"{name}.translation", said)
 
 
 def _learning(learning: Learning, cameras: dict[str, Camera], name: str) -> None:

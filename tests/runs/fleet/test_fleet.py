@@ -237,6 +237,20 @@ def test_robots_are_sorted_by_what_is_wrong_and_the_first_day_that_shows_it() ->
     assert "<script>" not in page([VisitResult("<script>", "1", "none")], ["x"])
 
 
+def test_visits_without_an_answer_are_no_faults_of_robots() -> None:
+    lines = [
+        VisitResult("a", "2026-02-01", "named", ["payload tool"]),
+        VisitResult("b", "2026-02-01", "failed", headline="b.csv: no such log <file>"),
+        VisitResult("b", "2026-01-01", "timeout", headline="stopped after 9 s"),
+    ]
+    assert first_days(lines) == [("payload", "a", "2026-02-01")]
+    wrong, lost, every = page(lines, ["x"] * 3).split("<h2>")[1:]
+    assert "failed" not in wrong and "timeout" not in wrong and "failed" in every
+    assert lost.startswith("Without an answer") and "no such log &lt;file&gt;" in lost
+    assert lost.index("2026-01-01") < lost.index("2026-02-01")
+    assert "Without an answer" not in page(lines[:1], ["x"])
+
+
 @pytest.mark.parametrize(
     ("dates", "first"),
     [

@@ -329,7 +329,8 @@ def _refuse_carried(
             if name not in own and name in following and following[name].leader in own:
                 raise ModelError(
                     f"{spec.model}: joint {name!r} follows {following[name].leader!r} and carries {joint.name()!r}; "
-                    "such an arm is not modelled, unless `joints` names it as one that is driven"
+                    "such an arm is not modelled. If these are a gripper's, name the arm's own joints (--joints; "
+                    "twin.arm.joints and world.arm.joints of a scenario), else name it, too, as one that is driven"
                 )
 
 

@@ -13,6 +13,8 @@ from twin_diagram.runs.fleet.work import VisitResult
 
 COLUMNS = ("robot", "date", "verdict", "effects", "headline", "left", "seconds")
 """Of the table."""
+UNANSWERED = ("failed", "timeout")
+"""Verdicts of visits whose logs tell nothing of the robot: a file that lacks is no fault of an arm."""
 
 READINGS: tuple[Callable[[str], Any], ...] = (
     float,
@@ -28,6 +30,12 @@ STYLE = (
     "border-bottom:1px solid #dde3ea;vertical-align:top}th{font-weight:600}.day{white-space:nowrap}.bad{color:#a3341c}"
 )
 """Of the page: plain, so that it prints well."""
+
+UNANSWERED_HEAD = (
+    "<h2>Without an answer: nothing is known of these robots on these days</h2>"
+    "<table><tr><th>robot</th><th>date</th><th></th><th>why</th></tr>"
+)
+"""Of the page's table of such visits."""
 
 
 def table(lines: Sequence[VisitResult]) -> str:
@@ -57,7 +65,7 @@ def first_days(lines: Sequence[VisitResult]) -> list[tuple[str, str, str]]:
     first: dict[tuple[str, str], str] = {}
     for line in by_day(lines):
         names = [effect.split(" ")[0] for effect in line.effects]
-        names += [line.verdict] if line.verdict in ("unknown", "failed", "timeout") else []
+        names += [line.verdict] if line.verdict == "unknown" else []
         for name in names:
             first.setdefault((name, line.robot), line.date)
     count: dict[str, int] = {}
@@ -81,6 +89,12 @@ def page(lines: Sequence[VisitResult], folders: Sequence[str]) -> str:
         f"<tr><td>{escape(name.replace('_', ' '))}</td><td>{len(robots)}</td><td>{', '.join(robots)}</td></tr>"
         for name, robots in wrong.items()
     )
+    lost = "".join(
+        f"<tr><td>{escape(line.robot)}</td><td class='day'>{escape(line.date)}</td><td class='bad'>{line.verdict}</td>"
+        f"<td>{escape(line.headline)}</td></tr>"
+        for line in by_day(lines)
+        if line.verdict in UNANSWERED
+    )
     rows = "".join(
         f"<tr><td>{escape(line.robot)}</td><td class='day'>{escape(line.date)}</td>{_verdict(line, folder)}"
         f"<td>{escape(line.headline)}</td><td>{'' if line.left is None else f'{100 * line.left:.0f} %'}</td></tr>"
@@ -91,12 +105,13 @@ def page(lines: Sequence[VisitResult], folders: Sequence[str]) -> str:
         f"<body><h1>{len({line.robot for line in lines})} robots, {len(lines)} visits</h1>"
         "<h2>What is wrong, and the first day that shows it</h2>"
         f"<table><tr><th>what</th><th>robots</th><th>which</th></tr>{groups}</table>"
+        f"{UNANSWERED_HEAD + lost + '</table>' if lost else ''}"
         "<h2>All visits</h2><table><tr><th>robot</th><th>date</th><th>verdict</th><th>in short</th>"
         f"<th>held-out residual left</th></tr>{rows}</table></body></html>\n"
     )
 
 
 def _verdict(line: VisitResult, folder: str) -> str:
-    if line.verdict in ("failed", "timeout"):
+    if line.verdict in UNANSWERED:
         return f'<td class="bad">{line.verdict}</td>'
     return f'<td><a href="{escape(folder)}/report.html">{escape(line.verdict)}</a></td>'

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from twin_diagram import logs
 from twin_diagram.errors import LogError, ScenarioError, StationError
+from twin_diagram.logs.prefixes import under_names_of
 from twin_diagram.logs.torque_constants import torque_constants
 from twin_diagram.scenario import Camera
 from twin_diagram.signals.arrays import Array
@@ -308,7 +309,7 @@ def read_log(
         LogError: see `twin_diagram.logs.read_log`; a joint or the torque is missing.
     """
     try:
-        measured = logs.read_log(path, columns or None)
+        measured = under_names_of(joints, logs.read_log(path, columns or None))
         measured = torque_constants(constants).applied(measured, joints) if constants else measured
         log, _ = logs.unwrapped(measured.select(joints), revolute)
         torque = log.motor_torque
