@@ -82,7 +82,7 @@ def test_what_is_loaded_to_one_side_is_taken_there() -> None:
         grasps = other_grasps(shown, X_WS, gripper, AT[2], 0)
         best = (grasps.poses[:3, 4:] - X_WS[:3, 3]) @ along
         assert abs(best.mean() - where) < 0.015
-        assert (grasps.terms["torque"] < 0.5 * COST.torque).sum() >= 8, "not all of them are reached"
+        assert (grasps.terms["torque"] < 0.5 * COST.torque).sum() >= 26, "one search has 21 and 23"
 
 
 def test_what_tipped_over_is_found_on_its_new_side() -> None:
