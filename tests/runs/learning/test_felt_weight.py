@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,7 +16,11 @@ from tests.estimation.weighing.conftest import MODEL, POSTURE
 from twin_diagram import scenario
 from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.model import Model
+from twin_diagram.runs.learning.cell import Recording
 from twin_diagram.runs.learning.felt_weight import Centre, Felt, centre_felt
+from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.handling import feel
+from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.signals.arrays import Array
 
 MASS = 1.37
@@ -72,6 +78,28 @@ def test_what_was_felt_in_one_grasp_holds_in_the_next() -> None:
     once = centre_felt(model, turned(model, (0.7,), 0.05), MASS, X_TS, before)
     again = centre_felt(model, turned(model, (0.7, 0.2), 0.05), MASS, X_TS, once)
     assert np.trace(again.covariance) < np.trace(once.covariance)
+
+
+@pytest.mark.parametrize("opening", [0.05, 0.001])
+def test_handling_notes_what_it_felt_of_what_it_still_holds(opening: float) -> None:
+    model, felt = arm(), turned(arm(), (0.7, 0.2, -0.4), 0.05)
+    torque = felt.torque[-1].copy()
+    torque[6] -= 0.65  # what is measured at rest, but for the last joint's bias and friction
+
+    @contextmanager
+    def recording() -> Iterator[Recording]:
+        yield Recording(torque=[torque])
+
+    cell = SimpleNamespace(opening=opening, q=felt.q[-1], recording=recording, wait=lambda seconds: None)
+    tools: Any = SimpleNamespace(cell=cell, model=model)
+    shown = ShownObject(Followed(points=box_S((0.16, 0.06, 0.2))), [np.linalg.inv(X_TS)])
+    feel(tools, shown, felt)
+    if opening < 0.004:
+        assert shown.centre is None and shown.mass_at_rest is None
+        return
+    assert shown.centre is not None and shown.mass_at_rest == pytest.approx(MASS, rel=0.15)
+    off = X_TS[:3, :3] @ shown.centre.mean + X_TS[:3, 3] - CENTRE_T * MASS / shown.mass_at_rest
+    assert np.abs(off)[:2].max() < 0.004
 
 
 def test_where_nothing_was_felt_the_middle_of_its_shape_stands() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin_diagram.runs.learning.motion import Mover, pointing, pose
-from twin_diagram.runs.learning.picking import TUNING, Reach, before_grasp, take, unlike
+from twin_diagram.runs.learning.picking import TUNING, Reach, Taken, before_grasp, lift_over, take, unlike
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.pose_vectors import from_matrix
@@ -55,6 +55,20 @@ def test_from_where_it_held_nothing_the_hand_goes_back_and_up() -> None:
     np.testing.assert_allclose(tips[turning], before[:3, 3], atol=1e-3)
     np.testing.assert_allclose(tips[-1, :2], before[:2, 3], atol=2e-3)
     assert tips[-1, 2] > before[2, 3] + TUNING.least_lift - 1e-3 and cell.opening > 0.1
+
+
+@pytest.mark.parametrize(("reaches", "height"), [(0.16, 0.30), (0.05, 0.23)])
+def test_what_may_hang_from_the_pads_is_lifted_over_the_walls(reaches: float, height: float) -> None:
+    """A bottle held by its neck turned as it was lifted, met a wall with its far end on its way, and fell."""
+    twin = load_scenario("bin_picking").twin
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)
+    X_WT = pose(pointing(np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])), np.array([0.45, -0.33, 0.04]))
+    lifted = X_WT.copy()
+    lifted[2, 3] = 0.23
+    cell = EmptyFingers(mover.goals(lifted, home)[0])
+    lying = X_WT[:3, 3] + np.linspace(0.0, 1.0, 5)[:, None] * [-reaches, 0.0, 0.0]
+    lift_over(mover, cell, Taken(X_WT, 0.03, 0), lying, 0.12)  # type: ignore[arg-type]
+    assert mover.tool(cell.commanded)[2, 3] == pytest.approx(height, abs=2e-3)
 
 
 def test_in_a_corner_of_a_bin_the_straight_way_begins_over_the_walls() -> None:

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from twin_diagram.planning.grasps import gripper_of
+from twin_diagram.planning.grasps.cost import TUNING as COST
 from twin_diagram.runs.learning import regrasping
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.felt_weight import Centre
@@ -81,6 +82,7 @@ def test_what_is_loaded_to_one_side_is_taken_there() -> None:
         grasps = other_grasps(shown, X_WS, gripper, AT[2], 0)
         best = (grasps.poses[:3, 4:] - X_WS[:3, 3]) @ along
         assert abs(best.mean() - where) < 0.015
+        assert (grasps.terms["torque"] < 0.5 * COST.torque).sum() >= 26, "one search has 21 and 23"
 
 
 def test_what_tipped_over_is_found_on_its_new_side() -> None:

@@ -28,7 +28,7 @@ from twin_diagram.runs.learning.following import Followed, cover, follow, follow
 from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
-from twin_diagram.runs.learning.picking import go, take
+from twin_diagram.runs.learning.picking import go, lift_over, take
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
@@ -153,6 +153,7 @@ def pick(tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed:
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return Picked(thing, why="the fingers held nothing", failed=reach.X_WT)
+    lift_over(tools.mover, tools.cell, taken, thing.points, float(high[2]))
     stand_about(tools.mover, tools.learning, others)
     tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
     return Picked(thing, taken, others=others)

@@ -29,6 +29,9 @@ class Tuning:
     least_lift: float = 0.06
     """By which at least, where the arm does not reach farther [m]; where it does not, it is let go again."""
 
+    over: float = 0.02
+    """Between a bin's walls and what may hang from the pads, before it is brought away [m]."""
+
     empty: float = 0.004
     """Fingers closer than this hold nothing [m]."""
 
@@ -176,24 +179,40 @@ def _taken(mover: Mover, cell: Cell, reach: Reach) -> Taken | None:
     return Taken(X_WT, cell.apart, reach.grasp)
 
 
-def lift(mover: Mover, cell: Cell) -> bool:
-    """Go straight up as far as the arm reaches; whether it did."""
-    line = lift_line(mover, cell.commanded)
+def lift(mover: Mover, cell: Cell, most: float = TUNING.lift, least: float = TUNING.least_lift) -> bool:
+    """Go straight up by that much [m], or as far as the arm reaches; whether it did, by the least at least."""
+    line = lift_line(mover, cell.commanded, most, least)
     if line is None:
         return False
     go(cell, mover.timed_line(line, TUNING.slow * 1.5))
     return True
 
 
-def lift_line(mover: Mover, q: Array) -> Array | None:
+def lift_line(mover: Mover, q: Array, most: float = TUNING.lift, least: float = TUNING.least_lift) -> Array | None:
     """Return joint angles (W, n) straight up from some (n,), as far as the arm reaches; None: hardly at all."""
     start = mover.tool(q)
-    for height in np.arange(TUNING.lift, TUNING.least_lift - 1e-9, -0.02):
+    for height in np.arange(most, least - 1e-9, -0.02):
         above = start.copy()
         above[2, 3] += height
         with contextlib.suppress(NoWay):
             return mover.line(q, above)
     return None
+
+
+def lift_over(mover: Mover, cell: Cell, taken: Taken, points: Array, walls: float) -> None:
+    """Lift what was taken until it is over a bin's walls, should it turn between the pads and hang from them, too.
+
+    Args:
+        mover: plans.
+        cell: whose fingers hold it.
+        taken: where they shut.
+        points: (N, 3) of it in W, as it lay then [m].
+        walls: height of their upper edges [m].
+    """
+    hangs = float(np.linalg.norm(points - taken.X_WT[:3, 3], axis=1).max())
+    lacks = walls + TUNING.over + hangs - float(mover.tool(cell.commanded)[2, 3])
+    if lacks > 0.0:
+        lift(mover, cell, lacks, min(lacks, 0.02))
 
 
 def back_out(mover: Mover, cell: Cell, reach: Reach) -> None:
