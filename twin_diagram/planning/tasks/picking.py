@@ -165,7 +165,7 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     X_TO, covariance = centred(X_TO, doubt, pieces, TUNING.finger_error)
     hand = Hand(step.target, NOTHING, True, X_TO, covariance, support=bearer(seen, step, library))
     state = replace(state, hand=hand, elsewhere=0, image=track.last_seen, past=no_past()).noting(Note.GRASPED, seen.now)
-    state = replace(state, lies=closing_on(X_TO, doubt, seen))
+    state = replace(state, lies=closing_on(X_TO, doubt, seen), stood=track.pose[:4].copy())
     return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, _rise(seen, step, library)])))
 
 
