@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.planning.tasks.small_world import BOX, TICK, SmallWorld, pose, step
+from tests.planning.tasks.small_world import BOX, DOWN, TICK, SmallWorld, pose, step
 from twin_diagram.planning.tasks.bearing import bears
 from twin_diagram.planning.tasks.step_ends import TUNING
 from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, Why
@@ -124,3 +124,15 @@ def test_what_is_taken_off_another_one_may_touch_that_until_it_is_clear() -> Non
         assert small.tick().hand.support == support
     on_table = world(pose(0.5, -0.3, 0.03))
     assert on_table.until(Phase.LIFT).hand.support == NOTHING
+
+
+@pytest.mark.parametrize("x", [-0.07, 0.0, 0.07])
+def test_what_bears_it_is_in_no_fingers_way(x: float) -> None:
+    """Near an end of a long box the hand is turned no further than on the table."""
+    across = multiply(np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]), DOWN)  # closing on the narrow side
+    grasps = []
+    for apart in (0.0, 0.5):
+        small = world(pose(0.5 - x, 0.1 + apart, 0.03))
+        small.X_WO, small.X_WT[:4] = pose(0.5, 0.1, 0.11), across
+        grasps.append(small.until(Phase.APPROACH).grasp)
+    np.testing.assert_allclose(*grasps, atol=1e-9)
