@@ -135,4 +135,4 @@ def test_what_bears_it_is_in_no_fingers_way(x: float) -> None:
         small = world(pose(0.5 - x, 0.1 + apart, 0.03))
         small.X_WO, small.X_WT[:4] = pose(0.5, 0.1, 0.11), across
         grasps.append(small.until(Phase.APPROACH).grasp)
-    np.testing.assert_allclose(*grasps, atol=1e-9)
+    np.testing.assert_allclose(grasps[0], grasps[1], atol=1e-9)
