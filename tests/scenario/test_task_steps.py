@@ -98,6 +98,7 @@ def test_steps_must_follow_one_another(steps: str) -> None:
 def test_what_bears_another_is_not_picked_before_that_is() -> None:
     upon, mug = f"{{kind: place, upon: mug, {GOAL}}}", "{kind: pick, object: mug}"
     check_twin(tabletop(f"{PICK}, {upon}, {PICK}, {PLACE}, {mug}").twin)
+    check_twin(tabletop(f"{PICK}, {{kind: place, upon: mug}}").twin)
     with pytest.raises(ScenarioError, match=r"steps\.2\.object: mug bears can by then"):
         check_twin(tabletop(f"{PICK}, {upon}, {mug}").twin)
 

@@ -10,8 +10,10 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from twin_diagram.model.description.followers import Followers
-from twin_diagram.planning.tasks.step_state import Phase, TaskState, steps_of
+from twin_diagram.planning.tasks.bearing import upon_middle
+from twin_diagram.planning.tasks.step_state import Phase, Step, TaskState, steps_of
 from twin_diagram.signals import rotations
+from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING
 from twin_diagram.signals.pose_vectors import compose, errors
 from twin_diagram.station import ports
@@ -89,6 +91,7 @@ class TaskScore:
         }
         self._library = list(loop.scenario.twin.library)
         self._steps = steps_of(loop.scenario.twin.task, self._library)
+        self._stood: dict[int, Array] = {}
         self._touching: set[tuple[str, int, int]] = set()
         self.counts: dict[str, int] = dict.fromkeys(KINDS, 0)
         self._told: list[dict[str, Any]] = []
@@ -99,6 +102,8 @@ class TaskScore:
         number = min(state.step, len(self._steps) - 1)
         target = self._steps[number].target
         held = state.hand.held
+        if held != NOTHING:
+            self._stood[held] = state.stood
         name = self._library[held if held != NOTHING else target] if max(held, target) >= 0 else ""
         below = state.hand.support
         support = self._parts.objects.get(self._library[below], NOTHING) if below != NOTHING else NOTHING
@@ -130,12 +135,21 @@ class TaskScore:
             name = self._library[step.target] if step.kind == "place" else ""
             below = self._library[step.support] if step.support != NOTHING else ""
             if name in poses and (not below or below in poses):
-                goal = compose(poses[below], step.goal) if below else step.goal.copy()
+                goal = step.goal.copy()
+                if below:
+                    goal = self._upon(step, poses[below])
                 if self._loop.twin.library[name].symmetric_axis:
                     goal[:4] = rotations.fold_about_z(goal[:4], poses[name][:4])
                 off, angle = errors(goal, poses[name])
                 placed[name] = {"off_mm": round(1e3 * off, 2), "off_deg": round(float(np.degrees(angle)), 2)}
         return {"placed": placed, "collisions": dict(self.counts), "touched": self._told}
+
+    def _upon(self, step: Step, X_WU: Array) -> Array:
+        """Return where an object is to stand upon one that is truly at X_WU (7)."""
+        if step.goal.any():
+            return compose(X_WU, step.goal)
+        above, below = (self._loop.twin.library[self._library[k]].convex_pieces for k in (step.target, step.support))
+        return upon_middle(above, self._stood.get(step.target, TaskState().stood), below, X_WU)
 
     def _state(self, context: Context) -> TaskState:
         twin = self._loop.twin.diagram

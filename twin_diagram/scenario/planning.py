@@ -49,8 +49,8 @@ class TaskStep:
     does."""
     goal: Pose | None = None
     """`reach`: X_WG of the tool frame; `follow`: X_OG, the tool frame in the object's; `place`: X_WO, where the object
-    is to stand, or X_UO in the frame of the one that it stands upon; `pick`: X_OG of the grasp, none: from above, where
-    the object is narrow; `hold`: none."""
+    is to stand, or X_UO in the frame of the one that it stands upon, none: on the middle of its top, turned as it was
+    taken; `pick`: X_OG of the grasp, none: from above, where the object is narrow; `hold`: none."""
     position_tolerance: float = 0.01
     """A goal counts as reached within this [m]."""
     rotation_tolerance: float = 0.1

@@ -13,7 +13,7 @@ KINDS: Final = ("reach", "follow", "hold", "pick", "place")
 _GOAL: Final = {
     "reach": "X_WG of the tool frame",
     "follow": "X_OG of the tool frame",
-    "place": "X_WO of the object, or X_UO in the frame of what it is put upon",
+    "place": "X_WO of the object, or `upon` what it is put",
 }
 """Kinds that need a goal, and what that is."""
 
@@ -49,7 +49,7 @@ def _check_step(step: TaskStep, name: str, library: Collection[str], held: str) 
     if step.kind not in KINDS:
         raise ScenarioError(f"{name}.kind", f"{step.kind!r} is none of {', '.join(KINDS)}")
     _check_object(step, name, library)
-    if step.goal is None and step.kind in _GOAL:
+    if step.goal is None and step.kind in _GOAL and not step.upon:
         raise ScenarioError(f"{name}.goal", f"{step.kind} needs one: {_GOAL[step.kind]}")
     if step.goal is not None and step.kind == "hold":
         raise ScenarioError(f"{name}.goal", "hold stays where it is and has none")

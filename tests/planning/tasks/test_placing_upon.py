@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.planning.tasks.small_world import BOX, TICK, SmallWorld, pose, step
+from tests.planning.tasks.small_world import BOX, DOWN, TICK, SmallWorld, pose, step
 from twin_diagram.planning.tasks.bearing import bears
 from twin_diagram.planning.tasks.step_ends import TUNING
 from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, Why
@@ -14,6 +14,7 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING
 from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.signals.pose_vectors import compose, errors
+from twin_diagram.signals.rotations import multiply
 
 BELOW = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.08, 0.08) for z in (-0.03, 0.03)])
 """Corners of a flat box that bears others."""
@@ -40,6 +41,20 @@ def test_it_stands_where_the_other_one_is_by_then() -> None:
     assert small.run().outcome is TaskOutcome.DONE
     most = TUNING.drop + TUNING.drop_doubt
     assert off(small) == pytest.approx(most, abs=1e-9), "let go above it, for its height is not sure"
+
+
+def test_without_a_goal_it_stands_on_the_middle_as_it_stood_before() -> None:
+    """Whichever side of the other one is up, and also where that is seen a little askew."""
+    askew = np.array([np.cos(0.01), np.sin(0.01), 0.0, 0.0])
+    for lies, top in ((pose(0.4, -0.3, 0.03, TURNED), 0.06), (pose(0.4, -0.3, 0.08, ON_SIDE), 0.16)):
+        for turn in (lies[:4], multiply(askew, lies[:4])):
+            small = world(np.concatenate([turn, lies[4:]]), goal=np.zeros(7))
+            small.X_WO = pose(0.5, 0.1, 0.05, np.array([np.cos(0.2), 0.0, 0.0, np.sin(0.2)]))
+            before = small.X_WO[:4].copy()
+            assert small.run().outcome is TaskOutcome.DONE
+            there = np.array([*before, 0.4, -0.3, top + 0.05 + TUNING.drop + TUNING.drop_doubt])
+            away, turned = errors(small.X_WO, there)
+            assert away < 2e-4 and turned < 1e-6
 
 
 def test_the_other_one_may_be_touched_while_lowering_and_never_else() -> None:
@@ -109,3 +124,15 @@ def test_what_is_taken_off_another_one_may_touch_that_until_it_is_clear() -> Non
         assert small.tick().hand.support == support
     on_table = world(pose(0.5, -0.3, 0.03))
     assert on_table.until(Phase.LIFT).hand.support == NOTHING
+
+
+@pytest.mark.parametrize("x", [-0.07, 0.0, 0.07])
+def test_what_bears_it_is_in_no_fingers_way(x: float) -> None:
+    """Near an end of a long box the hand is turned no further than on the table."""
+    across = multiply(np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]), DOWN)  # closing on the narrow side
+    grasps = []
+    for apart in (0.0, 0.5):
+        small = world(pose(0.5 - x, 0.1 + apart, 0.03))
+        small.X_WO, small.X_WT[:4] = pose(0.5, 0.1, 0.11), across
+        grasps.append(small.until(Phase.APPROACH).grasp)
+    np.testing.assert_allclose(grasps[0], grasps[1], atol=1e-9)

@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from twin_diagram.planning.collision.convex_solids import Solid, solid_of
 from twin_diagram.planning.collision.geometry_to_solids import moved
-from twin_diagram.planning.tasks.step_state import Step
+from twin_diagram.planning.tasks.step_state import Step, TaskState
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
+from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING
 from twin_diagram.signals.layouts import ObjectStatus
@@ -45,14 +47,34 @@ class Tuning:
 TUNING = Tuning()
 
 
-def place_now(seen: StepView, step: Step) -> Array | None:
+def place_now(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> Array | None:
     """Return where a `place` puts its object (7): as told, or upon another as that stands; None: that is not known."""
     if step.support == NOTHING:
         return step.goal.copy()
     track = seen.tracks[step.support]
     if track.status in (ObjectStatus.UNSEEN, ObjectStatus.LOST, ObjectStatus.GONE):
         return None
-    return compose(track.pose, step.goal)
+    if step.goal.any():
+        return compose(track.pose, step.goal)
+    return upon_middle(library[step.target].pieces, state.stood, library[step.support].pieces, track.pose)
+
+
+def upon_middle(pieces_O: Sequence[Array], stood: Array, below_U: Sequence[Array], X_WU: Array) -> Array:
+    """Return where an object stands upon the middle of another's top (7), turned as it stood where it was taken.
+
+    Args:
+        pieces_O: corners (V, 3) of its convex pieces, in O [m].
+        stood: (4) quaternion of O in W.
+        below_U: the same of the other's pieces, in U.
+        X_WU: (7) the other.
+    """
+    highest = max((moved(as_matrix(X_WU), np.asarray(piece)) for piece in below_U), key=lambda p: float(p[:, 2].max()))
+    middle = 0.5 * (highest[:, :2].min(axis=0) + highest[:, :2].max(axis=0))
+    faces = ConvexHull(highest).equations
+    up = faces[faces[:, 2] > 1e-9]
+    top = float((-(up[:, :2] @ middle + up[:, 3]) / up[:, 2]).min())
+    low = float((np.concatenate(list(pieces_O)) @ rotations.matrix(stood)[2]).min())
+    return np.array([*stood, *middle, top - low])
 
 
 def bearer(seen: StepView, step: Step, library: Sequence[Takeable]) -> int:

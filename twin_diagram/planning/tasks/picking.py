@@ -10,6 +10,7 @@ import numpy as np
 from twin_diagram.planning.tasks.bearing import bearer
 from twin_diagram.planning.tasks.grasp_choice import TUNING as GRASP_CHOICE
 from twin_diagram.planning.tasks.grasp_choice import between_fingers, choices
+from twin_diagram.planning.tasks.grasp_from_above import TUNING as FROM_ABOVE
 from twin_diagram.planning.tasks.grasp_from_above import centred, reached
 from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed, steady
 from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState, Why
@@ -78,10 +79,12 @@ def _offered(seen: StepView, step: Step, library: Sequence[Takeable], near: Arra
     """Return where the object could be taken (G, 7), the best first."""
     track, known = seen.tracks[step.target], library[step.target]
     there = (ObjectStatus.UNSEEN, ObjectStatus.GONE)
+    tips = _standing(known, track.pose)[1] + FROM_ABOVE.bottom - FROM_ABOVE.tip
     others = [
         [*other.pose[4:6], library[k].radius]
         for k, other in enumerate(seen.tracks)
-        if k != step.target and other.status not in there
+        # Lower than this no finger comes: what bears it is in none's way.
+        if k != step.target and other.status not in there and _standing(library[k], other.pose)[2] > tips
     ]
     rows = np.array(others).reshape(-1, 3)
     pose, wide = track.pose, seen.widest
@@ -165,7 +168,7 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     X_TO, covariance = centred(X_TO, doubt, pieces, TUNING.finger_error)
     hand = Hand(step.target, NOTHING, True, X_TO, covariance, support=bearer(seen, step, library))
     state = replace(state, hand=hand, elsewhere=0, image=track.last_seen, past=no_past()).noting(Note.GRASPED, seen.now)
-    state = replace(state, lies=closing_on(X_TO, doubt, seen))
+    state = replace(state, lies=closing_on(X_TO, doubt, seen), stood=track.pose[:4].copy())
     return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, _rise(seen, step, library)])))
 
 

@@ -29,7 +29,7 @@ def carrying(state: TaskState, seen: StepView, step: Step, library: Sequence[Tak
     last = _last(state, seen, step, library, seen.X_WT)
     if last is None:
         return state.entering(Phase.CARRY, seen.now)
-    if not _borne(seen, step, library):
+    if not _borne(state, seen, step, library):
         return fail(state, seen, Why.NO_STAND)
     state = replace(state, grasp=last)
     return state.entering(Phase.CARRY, seen.now, moved(last, RAISED))
@@ -46,7 +46,7 @@ def _last(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
 
     None where what is to bear it is not seen.
     """
-    goal = place_now(seen, step)
+    goal = place_now(state, seen, step, library)
     if goal is None:
         return None
     if library[step.target].symmetric:
@@ -60,13 +60,13 @@ def _last(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     return moved(last, np.array([0.0, 0.0, TUNING.drop + min(doubt, TUNING.drop_doubt)]))
 
 
-def _borne(seen: StepView, step: Step, library: Sequence[Takeable]) -> bool:
+def _borne(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> bool:
     """Tell whether an object stands where it is to be put upon another, as that lies now."""
-    if step.support == NOTHING:
+    X_WO = place_now(state, seen, step, library)
+    if step.support == NOTHING or X_WO is None:
         return True
-    X_WU = seen.tracks[step.support].pose
     above, below = library[step.target].pieces, library[step.support].pieces
-    return bears(above, compose(X_WU, step.goal), below, X_WU, step.position_tolerance)
+    return bears(above, X_WO, below, seen.tracks[step.support].pose, step.position_tolerance)
 
 
 def _as_it_lies(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable], above: Array) -> TaskState:
@@ -87,7 +87,7 @@ def carry(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     state = _as_it_lies(state, seen, step, library, RAISED)
     if not passed(state, seen, step) or not rests(seen, step):
         return state
-    if not _borne(seen, step, library):
+    if not _borne(state, seen, step, library):
         return fail(state, seen, Why.NO_STAND)
     hand = replace(state.hand, on_support=True, X_TO=state.lies.X_TO, covariance=state.lies.pose_covariance)
     state = replace(state, hand=replace(hand, support=step.support))
@@ -119,7 +119,7 @@ def lower(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
 
 def opened(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Wait until the fingers are open."""
-    state = put_down(state, seen, step)
+    state = put_down(state, seen, step, library)
     if seen.now - state.since < TUNING.closing or seen.opening < 0.9 * seen.widest:
         return state
     return state.entering(Phase.RETREAT, seen.now, before_grasp(seen.X_WT))
@@ -127,7 +127,7 @@ def opened(state: TaskState, seen: StepView, step: Step, library: Sequence[Takea
 
 def retreat(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Go back up; from there on the object is an obstacle again, where it stands or where it has gone."""
-    state = put_down(state, seen, step)
+    state = put_down(state, seen, step, library)
     if seen.X_WT[6] < state.grasp[6] + TUNING.away:
         return state
     if state.elsewhere >= TUNING.images:

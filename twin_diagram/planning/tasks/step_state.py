@@ -202,6 +202,7 @@ class TaskState:
         past: (PAST_SIZE) where the tool was of late, while something is held; see `tool_past`.
         notes: (RING · NOTE_FIELDS) newest last.
         after: (7) where the arm goes after `goal`, see `goal_after`; zeros: not known.
+        stood: (4) quaternion in W of what is held, or was held last, where it was taken.
     """
 
     step: int = 0
@@ -224,6 +225,7 @@ class TaskState:
     past: Array = field(default_factory=no_past)
     notes: Array = field(default_factory=lambda: np.tile([NEVER, *[0.0] * (NOTE_FIELDS - 1)], RING))
     after: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
+    stood: Array = field(default_factory=lambda: np.array([1.0, 0, 0, 0]))
 
     def entering(self, phase: Phase, now: float, goal: Array | None = None) -> TaskState:
         """Return the state at the begin of a phase; `goal` (7), None: stay."""
@@ -242,19 +244,19 @@ class TaskState:
             self.elsewhere, self.image, self.opened, self.force, self.others,
         ]  # fmt: skip
         first = [np.array(numbers, dtype=float), self.goal, self.grasp, self.hand.pack()]
-        return np.concatenate([*first, self.lies.pack(), self.past, self.notes, self.after])
+        return np.concatenate([*first, self.lies.pack(), self.past, self.notes, self.after, self.stood])
 
     @staticmethod
     def unpack(vector: Array) -> TaskState:
         """Return the inverse of `pack`; copies."""
         copy = np.array(vector)
-        numbers, goal, grasp, hand, lies, past, notes, after = (copy[part] for part in _PARTS)
+        numbers, goal, grasp, hand, lies, past, notes, after, stood = (copy[part] for part in _PARTS)
         step, phase, outcome, why, begun, since, steady, attempt, elsewhere, *rest = numbers.tolist()
         image, opened, force, others = rest
         return TaskState(
             int(step), Phase(int(phase)), TaskOutcome(int(outcome)), Why(int(why)), begun, since, steady, int(attempt),
             int(elsewhere), image, opened, force, int(others), goal, grasp, Hand.unpack(hand), InHand.unpack(lies),
-            past, notes, after,
+            past, notes, after, stood,
         )  # fmt: skip
 
 
@@ -262,11 +264,11 @@ _PARTS: Final = tuple(
     slice(*ends)
     for ends in pairwise(
         accumulate(
-            (0, NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE, IN_HAND_SIZE, PAST_SIZE, RING * NOTE_FIELDS, POSE_SIZE)
+            (0, NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE, IN_HAND_SIZE, PAST_SIZE, RING * NOTE_FIELDS, POSE_SIZE, 4)
         )
     )
 )
-"""Of a packed `TaskState`: numbers, goal, grasp, hand, lies, past, notes, after."""
+"""Of a packed `TaskState`: numbers, goal, grasp, hand, lies, past, notes, after, stood."""
 TOLD: Final = MappingProxyType(
     {
         "goal": _PARTS[1],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -52,12 +53,12 @@ def watched(state: TaskState, seen: StepView, held: Takeable) -> tuple[TaskState
     return replace(state, elsewhere=count), Why.SEEN_ELSEWHERE if count >= TUNING.images else Why.NONE
 
 
-def put_down(state: TaskState, seen: StepView, step: Step) -> TaskState:
+def put_down(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Return the state with the newest image taken in of what was let go: how many in a row show it off its place."""
     measurement = seen.measured[step.target]
     if not (measurement.quality >= TUNING.fits and measurement.time > state.image):
         return state
-    place = place_now(seen, step)
+    place = place_now(state, seen, step, library)
     if place is None:
         return state
     off = float(np.linalg.norm(measurement.pose[4:] - place[4:]))
