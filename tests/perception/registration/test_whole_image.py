@@ -246,7 +246,8 @@ def test_a_thing_is_compared_with_what_is_as_tall_first(
 ) -> None:
     """One comparison is made in an image: of two of ten grey things, a mug had waited for up to twenty."""
     points = scenario.Registration().model_points
-    known = {k: Known.of(ModelCloud.of(one, points)).bare for k, one in enumerate((SUGAR, TALL, asset_of("mug")))}
+    grey = [replace(one, colours=np.full_like(one.colours, 0.5)) for one in (SUGAR, TALL, asset_of("mug"))]
+    known = {k: Known.of(ModelCloud.of(one, points)) for k, one in enumerate(grey)}
     asked: list[tuple[int, bool]] = []
     for k, one in known.items():
         segments = shot([standing(one.model.asset, A, 0.4)], 0)
