@@ -191,11 +191,15 @@ class RobotProblem:
 
     def pulls(self, z: Array, total: Array) -> Array:
         """Return (Z,) the part of the gradient that residuals in sums (n, K + 1, K + 1) have."""
+        return self.pulls_each(z, total[None])[0]
+
+    def pulls_each(self, z: Array, totals: Array) -> Array:
+        """Return (S, Z) of the same of each of sums (S, n, K + 1, K + 1)."""
         weight, links, own = self.share / self.variance, 10 * self.n, len(OWN)
-        left = total[:, :-1, -1] - (total[:, :-1, :-1] @ self.difference(z)[:, :, None])[:, :, 0]
+        left = totals[:, :, :-1, -1] - (totals[:, :, :-1, :-1] @ self.difference(z)[:, :, None])[..., 0]
         left = weight[:, None] * left
-        shared, own_left = np.sum(left, axis=0), left[:, links : links + own]
-        return -np.concatenate([self.slope(z).T @ shared[:links], own_left.ravel(), shared[links + own :]])
+        shared, own_left = np.sum(left, axis=1), left[:, :, links : links + own].reshape(len(left), -1)
+        return -np.concatenate([shared[:, :links] @ self.slope(z), own_left, shared[:, links + own :]], axis=1)
 
     def system(self, z: Array, total: Array) -> tuple[Array, Array]:
         """Return the normal matrix (Z, Z) and gradient (Z,) of half the squares, the prior's counted."""
