@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin_diagram.model.dynamics.torque_law import TorqueLaw
 from twin_diagram.model.model import Model
 from twin_diagram.model.rollout import rollout, trajectory
 from twin_diagram.scenario import ArmModel, EffectSpec
@@ -91,6 +92,28 @@ def test_what_starts_and_ends_counts_from_each_rollouts_own_time(path: Path) -> 
     stays = arm(path, replace(timed, end=None))
     never = rollout(stays, np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((51, 1, 1)), 0.004)
     np.testing.assert_allclose(never, 4.0 * 0.02, atol=1e-6)  # without times, what is there to stay counts
+
+
+def test_each_samples_torque_is_worked_out_once_whatever_acts_when(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """But where torque acts late: what was before counts there."""
+    asked, rigid = [], TorqueLaw.rigid
+
+    def counted(law: TorqueLaw, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        asked.append(len(q))
+        return rigid(law, q, v, a)
+
+    monkeypatch.setattr(TorqueLaw, "rigid", counted)
+    time = np.linspace(0.0, 2.0, 201)
+    motion = tuple(x[:, None] for x in (np.sin(3.0 * time), 3.0 * np.cos(3.0 * time), -9.0 * np.sin(3.0 * time)))
+    always, late = on("torque_bias", torque=2.0), on("time_delay", delay=0.03)
+    timed = replace(always, onset=1.0, end=1.1)
+    acts = arm(path, timed).inverse_dynamics(*motion, time=time)
+    assert sum(asked) == len(time)
+    meanwhile = (time >= 1.0) & (time < 1.1)
+    np.testing.assert_allclose(arm(path).inverse_dynamics(*motion) - acts, 2.0 * meanwhile[:, None], atol=1e-12)
+    waits = arm(path, timed, replace(late, joints=[])).inverse_dynamics(*motion, time=time)
+    both = arm(path, always, replace(late, joints=[])).inverse_dynamics(*motion, time=time)
+    np.testing.assert_allclose(waits[meanwhile], both[meanwhile], atol=1e-12)
 
 
 def test_dry_friction_slows_by_its_level_and_then_holds(path: Path) -> None:

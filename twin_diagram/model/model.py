@@ -227,7 +227,11 @@ class Model:
         if time is not None and self.timed:
             result = np.empty_like(q)
             for mask, static in self.epochs(time):
-                result[mask] = static.inverse_dynamics(q, v, a, tau, time, seen)[mask]
+                if static.law.delay or len(static.law.yielding):  # what comes before counts
+                    result[mask] = static.inverse_dynamics(q, v, a, tau, time, seen)[mask]
+                else:
+                    through, logged = (None if x is None else x[mask] for x in (tau, seen))
+                    result[mask] = static.inverse_dynamics(q[mask], v[mask], a[mask], through, seen=logged)
             return result
         q = self.true_position(q)
         law = self.law

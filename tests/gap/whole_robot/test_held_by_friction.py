@@ -52,7 +52,17 @@ def test_what_dry_friction_holds_is_no_push(monkeypatch: pytest.MonkeyPatch) -> 
     terms = terms_of(whole.sums, ARM)
     assert not pushes(whole, start, terms)
     monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.TUNING", replace(TUNING, held=0.0))
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.mostly_resting", lambda *_: np.zeros(6, dtype=bool))
     assert pushes(whole, start, terms)
+
+
+def test_what_holds_a_joint_that_mostly_rests_is_no_push_whatever_its_friction_is_told_as(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of few samples that slide friction may be told as next to none."""
+    whole, start = held()
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.TUNING", replace(TUNING, held=0.0))
+    assert not pushes(whole, start, terms_of(whole.sums, ARM))
 
 
 def test_without_what_is_held_friction_is_what_it_is() -> None:

@@ -33,7 +33,8 @@ def encoder_offset(terms: Terms, j: int, about: float = 0.0) -> Candidate | None
         behind = model.inverse_dynamics(q - step, record.v, record.a)
         return -(ahead - behind) / 2e-4
 
-    columns = terms.records.reduce(law)[..., None]
+    reduced = terms.records.reduce(law) if about else terms.records.reduce_once(EncoderOffset.name, j, law)
+    columns = reduced[..., None]
     if np.max(np.sqrt(np.mean(columns**2, axis=0))) < 1e-6:
         return None
     return Candidate(

@@ -137,12 +137,14 @@ def _wrench(terms: Terms, body: int, point: Array) -> Candidate:
             columns[..., 3 + k] = -(moved * motion.angular[k]).T
         return columns
 
+    at_origin = not np.any(point)
+    records = terms.records
     return Candidate(
         name=ExternalForce.name,
         joints=(),
         links=(tree.link[body],),
-        rows=tuple(range(terms.records.n)),
-        columns=terms.records.reduce(law),
+        rows=tuple(range(records.n)),
+        columns=records.reduce_once(ExternalForce.name, body, law) if at_origin else records.reduce(law),
         spread=np.concatenate([np.full(3, weight), np.full(3, 0.2 * weight * reach(terms))]),
         lower=np.full(6, -np.inf),
         upper=np.full(6, np.inf),

@@ -38,7 +38,7 @@ def in_link_frame(terms: Terms, body: int) -> Array:
     """Return (ΣD, n, 10) torque per inertial parameter in the frame of the body's own link."""
     model = terms.records.model
     _, X_ML = model.bodies.body_of(model.tree.link[body])
-    return terms.rigid_all[body] @ rigid_tree.transform_inertia(X_ML)
+    return terms.rigid(body) @ rigid_tree.transform_inertia(X_ML)
 
 
 def last_body(terms: Terms) -> int:

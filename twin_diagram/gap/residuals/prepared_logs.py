@@ -40,6 +40,9 @@ class Tuning:
     laws: float = 240.0
     """Samples per second that are enough where laws are worked out in full [1/s]."""
 
+    dies_away: float = 15.0
+    """Periods of the low-pass's edge within which its answer to a step is over: what is left is below rounding."""
+
     spare: float = 2.5
     """Times that rate that is not yet too much."""
 
@@ -106,6 +109,13 @@ class Record:
         shape = signal.shape[1:]
         filtered = lowpass(signal.reshape(len(signal), -1), self.rate, min(self.band, self.compared))
         return filtered[self.kept].reshape(-1, *shape)
+
+    @cached_property
+    def step_response(self) -> Array:
+        """(2 k,) what `reduce` makes of a step from 0 to 1 at sample k, at the full rate, until it is all over."""
+        band = min(self.band, self.compared)
+        far = int(np.ceil(TUNING.dies_away * self.rate / band))
+        return lowpass((np.arange(2 * far) >= far).astype(float), self.rate, band)
 
     @cached_property
     def response(self) -> Array:
@@ -205,6 +215,23 @@ class Records:
     def above(self) -> Array:
         """(n,) see `noise_above`, of the log that has most [N·m]."""
         return np.max([np.broadcast_to(record.above, self.n) for record in self.records], axis=0)
+
+    @cached_property
+    def _known(self) -> dict[tuple[str, int], Array]:
+        return {}
+
+    def reduce_once(self, what: str, place: int, law: Callable[[Record], Array]) -> Array:
+        """Return `reduce` of a law that depends on these records and a joint or body alone; searches ask for it again.
+
+        Args:
+            what: names the law.
+            place: the joint or body.
+            law: as of `reduce`.
+        """
+        if (what, place) not in self._known:
+            self._known[what, place] = self.reduce(law)
+            self._known[what, place].setflags(write=False)
+        return self._known[what, place]
 
     @cached_property
     def owner(self) -> npt.NDArray[np.int64]:

@@ -176,12 +176,7 @@ class Terms:
     def rigid(self, body: int) -> Array:
         """Return (ΣD, n, 10) torque per inertial parameter of a body, in its moving frame."""
         tree = self.records.model.tree
-        return self.records.reduce(lambda r: tree.regressor(self.records.angles(r), r.v, r.a, body))
-
-    @cached_property
-    def rigid_all(self) -> tuple[Array, ...]:
-        """`rigid` of every body."""
-        return tuple(self.rigid(body) for body in range(self.records.n))
+        return self.records.reduce_once("rigid", body, lambda r: tree.regressor(self.records.angles(r), r.v, r.a, body))
 
 
 def spread_of(samples: Array) -> Array:

@@ -75,17 +75,22 @@ class Whitener:
 
     def joint(self, j: int, signal: Array) -> Array:
         """Whiten signals (ΣD, …) on joint j's torque, in standard deviations; answer the rows that are left."""
-        taps = self.filters[j] / self.sigma[j]
+        return self.joints([j], signal.reshape(len(signal), 1, -1))[0].reshape(-1, *signal.shape[1:])
+
+    def joints(self, some: Sequence[int], signal: Array) -> Array:
+        """Return signals (ΣD, r, k) on some joints' torques whitened likewise (r, R, k)."""
+        taps = (self.filters[some] / self.sigma[some, None])[:, :, None, None]
+        signal = np.ascontiguousarray(signal.transpose(1, 0, 2))
         left = [max(length - self.order, 0) for length in self.lengths]
-        result = np.empty((sum(left), *signal.shape[1:]))
+        result = np.empty((len(some), sum(left), signal.shape[2]))
         first = done = 0
         for length, count in zip(self.lengths, left, strict=True):
             begin = first + self.order
             end = begin + count
-            part = result[done : done + count]
-            np.multiply(signal[begin:end], taps[0], out=part)
+            part = result[:, done : done + count]
+            np.multiply(signal[:, begin:end], taps[:, 0], out=part)
             for k in range(1, self.order + 1):
-                part += taps[k] * signal[begin - k : end - k]
+                part += taps[:, k] * signal[:, begin - k : end - k]
             first, done = first + length, done + count
         return result
 

@@ -110,12 +110,10 @@ class Bench:
 
     def whiten(self, candidate: Candidate) -> Array:
         """Return (rows, R, k) whitened, weighted columns."""
-        return np.stack(
-            [
-                self.whitener.joint(j, candidate.columns[:, k]) * self.weights[j][:, None]
-                for k, j in enumerate(candidate.rows)
-            ]
-        )
+        rows = list(candidate.rows)
+        white = self.whitener.joints(rows, candidate.columns)
+        white *= self.weights[rows][:, :, None]
+        return white
 
     def find(self, name: str) -> list[int]:
         """Return the indices of all candidates of a name."""

@@ -69,6 +69,8 @@ def increments(G: Array, b: Array, spread: Array) -> Array:
 def solutions(G: Array, b: Array, spread: Array) -> tuple[Array, Array]:
     """Return the same, and the coefficients (m, k)."""
     wide, c, variance = _solution(G, b, spread)
+    if b.shape[1] > TUNING.simple:
+        return wide, c
     scale = smaller(c, variance, spread)[:, None]
     narrow, closer, _ = _solution(G, b, spread * scale)
     better = narrow - TUNING.scale_price > wide

@@ -248,18 +248,29 @@ class Proposer:
 
 def active(terms: Terms, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Array:
     """Return (ΣD,) 1 from the onset until the end, low-passed like the torque: what is switched on is seen so."""
+    parts = []
+    for record in terms.records.records:
+        started = np.ones(len(record.kept)) if onset is None else after(record, onset)
+        parts.append(started if end is None else started - after(record, end))
+    return np.concatenate(parts)
 
-    def after(record: Record, moment: tuple[int, float]) -> Array:
-        if record.index != moment[0]:
-            return np.full(len(record.time), float(record.index > moment[0]))
-        # A sample's share of the period before it, so that the moment counts below the log's own resolution.
-        return np.clip((record.time - moment[1]) * record.rate + 0.5, 0.0, 1.0)
 
-    def law(record: Record) -> Array:
-        started = np.ones(len(record.time)) if onset is None else after(record, onset)
-        return started if end is None else started - after(record, end)
-
-    return terms.records.reduce(law)
+def after(record: Record, moment: tuple[int, float]) -> Array:
+    """Return (D,) 1 from a moment on and 0 before, low-passed like the torque."""
+    if record.index != moment[0]:
+        return np.full(len(record.kept), float(record.index > moment[0]))
+    # A sample's share of the period before it, so that the moment counts below the log's own resolution.
+    shares = np.clip((record.time - moment[1]) * record.rate + 0.5, 0.0, 1.0)
+    at, answer = int(np.searchsorted(shares, 1.0)), record.step_response
+    far = len(answer) // 2
+    if at - 2 < far or at + far > len(shares):  # what lies beyond a log's ends is turned about them
+        return record.reduce(shares)
+    result = (record.kept >= at).astype(float)
+    near = slice(*np.searchsorted(record.kept, (at - far, at + far - 2)))
+    place = record.kept[near] - at + far
+    steps = np.diff(shares[at - 3 : at + 1])  # all of it is in these, but for how times are rounded
+    result[near] = sum(step * answer[place + back] for step, back in zip(steps, (2, 1, 0), strict=True))
+    return result
 
 
 def spans() -> npt.NDArray[np.int64]:

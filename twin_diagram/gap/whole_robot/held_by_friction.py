@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms
@@ -27,6 +28,17 @@ def dry_levels(problem: RobotProblem, z: Array) -> Array:
     """
     own = z[10 * problem.n : 14 * problem.n].reshape(problem.n, len(OWN))
     return np.asarray(np.abs(own[:, OWN.index("coulomb")] + problem.sums.stated_dry))
+
+
+def mostly_resting(problem: RobotProblem, terms: Terms) -> npt.NDArray[np.bool_]:
+    """Return (n,) which joints slide too seldom for samples that slide to be all that counts, see `stiction.fewest`.
+
+    Args:
+        problem: that was fitted.
+        terms: of the same samples.
+    """
+    shares = [float(np.mean(stiction.clear(terms.records, terms, j))) for j in range(problem.n)]
+    return np.array(shares) <= stiction.TUNING.fewest
 
 
 def without_held(problem: RobotProblem, z: Array, terms: Terms, joints: Iterable[int]) -> tuple[RobotProblem, Array]:

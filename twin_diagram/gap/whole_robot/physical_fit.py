@@ -191,11 +191,15 @@ class RobotProblem:
 
     def pulls(self, z: Array, total: Array) -> Array:
         """Return (Z,) the part of the gradient that residuals in sums (n, K + 1, K + 1) have."""
+        return self.pulls_each(z, total[None])[0]
+
+    def pulls_each(self, z: Array, totals: Array) -> Array:
+        """Return (S, Z) of the same of each of sums (S, n, K + 1, K + 1)."""
         weight, links, own = self.share / self.variance, 10 * self.n, len(OWN)
-        left = total[:, :-1, -1] - (total[:, :-1, :-1] @ self.difference(z)[:, :, None])[:, :, 0]
+        left = totals[:, :, :-1, -1] - (totals[:, :, :-1, :-1] @ self.difference(z)[:, :, None])[..., 0]
         left = weight[:, None] * left
-        shared, own_left = np.sum(left, axis=0), left[:, links : links + own]
-        return -np.concatenate([self.slope(z).T @ shared[:links], own_left.ravel(), shared[links + own :]])
+        shared, own_left = np.sum(left, axis=1), left[:, :, links : links + own].reshape(len(left), -1)
+        return -np.concatenate([shared[:, :links] @ self.slope(z), own_left, shared[:, links + own :]], axis=1)
 
     def system(self, z: Array, total: Array) -> tuple[Array, Array]:
         """Return the normal matrix (Z, Z) and gradient (Z,) of half the squares, the prior's counted."""
@@ -298,14 +302,13 @@ def independent(left: Array, gaps: npt.NDArray[np.bool_]) -> Array:
         left: what a fit leaves.
         gaps: (N,) whether a sample is the first of its log.
     """
-    owner = np.cumsum(gaps)
-    square = np.maximum(np.mean(left**2, axis=0), 1e-30)
-    total, going = np.ones(left.shape[1]), np.ones(left.shape[1], dtype=bool)
-    for lag in range(1, max(2, len(left) // 4)):
-        same = owner[lag:] == owner[:-lag]
-        rho = np.sum(left[lag:] * left[:-lag] * same[:, None], axis=0) / max(int(np.sum(same)), 1) / square
-        going &= rho > 0.0
-        if not np.any(going):
-            break
-        total += 2.0 * np.where(going, rho, 0.0)
+    lags, n = max(2, len(left) // 4), left.shape[1]
+    products, pairs = np.zeros((lags, n)), np.zeros((lags, 1))
+    for part in np.split(left, np.flatnonzero(gaps)[1:]):
+        spectrum = np.fft.rfft(part, 2 * len(part), axis=0)  # as long again in zeros, or ends would meet
+        some = min(lags, len(part))
+        products[:some] += np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[:some]
+        pairs[:some, 0] += len(part) - np.arange(some)
+    rho = products[1:] / np.maximum(pairs[1:], 1.0) / np.maximum(np.mean(left**2, axis=0), 1e-30)
+    total = 1.0 + 2.0 * np.sum(np.where(np.logical_and.accumulate(rho > 0.0), rho, 0.0), axis=0)
     return 1.0 / total

@@ -16,7 +16,7 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import estimates
-from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, without_held
+from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, mostly_resting, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
 from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
@@ -129,6 +129,8 @@ def brief(push: Candidate) -> bool:
 def while_sliding(problem: RobotProblem, z: Array, terms: Terms, push: Candidate) -> tuple[RobotProblem, Array]:
     """Return the problem without samples at which dry friction can hold what a push brings to a joint, and its fit.
 
+    A joint that mostly rests hardly tells how much its friction can hold: its rests say nothing, whatever was found.
+
     Args:
         problem: of what is there beside it, without it.
         z: (Z,) its coordinates.
@@ -139,7 +141,8 @@ def while_sliding(problem: RobotProblem, z: Array, terms: Terms, push: Candidate
     fitted = solve(beside, None, np.concatenate([z, np.zeros(push.size)]))
     brought = np.max(np.abs(push.columns @ fitted[-push.size :]), axis=0)
     level = np.maximum(dry_levels(problem, z), dry_levels(problem, fitted))
-    held = [j for j, torque in zip(push.rows, brought, strict=True) if torque < TUNING.held * level[j]]
+    rests = mostly_resting(problem, terms)
+    held = [j for j, torque in zip(push.rows, brought, strict=True) if torque < TUNING.held * level[j] or rests[j]]
     return without_held(problem, z, terms, held)
 
 
