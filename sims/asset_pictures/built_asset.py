@@ -55,12 +55,25 @@ def extent(asset: Asset) -> Array:
     return np.asarray(np.ptp(read_obj(asset.folder / "visual.obj").vertices, axis=0))
 
 
+def finer(corners: Array, uv: Array, longest: float) -> tuple[Array, Array]:
+    """Return triangles (F, 3, 3) and their uv (F, 3, 2), quartered until no edge is longer: each has one colour."""
+    both = np.concatenate([corners, uv], axis=2)
+    while (
+        long := np.linalg.norm((both - np.roll(both, 1, axis=1))[..., :3], axis=2).max(axis=1, initial=0.0) > longest
+    ).any():
+        a, b, c = np.moveaxis(both[long], 1, 0)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        parts = [np.stack(one, axis=1) for one in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        both = np.concatenate([both[~long], *parts])
+    return both[..., :3], both[..., 3:]
+
+
 def asset_row(asset: Asset, called: str, reach: float) -> Row:
     """Return an asset's mesh from two sides, and its pieces."""
     mesh, texture = read_obj(asset.folder / "visual.obj"), read_png(asset.folder / "visual.png")
-    corners = mesh.vertices[mesh.faces]
+    corners, uv = finer(mesh.vertices[mesh.faces], mesh.uv[mesh.faces], reach / 25)
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-    colours = 255.0 * bilinear(texture, mesh.uv[mesh.faces].mean(axis=1))
+    colours = 255.0 * bilinear(texture, uv.mean(axis=1))
     plain = np.full_like(colours, 205.0)
     return [
         (f"{called}: in its colours", drawing.mesh_picture(corners, colours, middle, reach)),

@@ -6,12 +6,29 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.assets.building.pictured import box, cameras, shots, write
 from twin_diagram.logs.frames.transforms_folder import write_transforms
 
-SCRIPT = Path(__file__).parents[2] / "sims" / "reconstruct.py"
+SIMS = Path(__file__).resolve().parents[2] / "sims"
+SCRIPT = SIMS / "reconstruct.py"
+sys.path[:0] = [str(SIMS)]
+
+from asset_pictures.built_asset import finer  # noqa: E402
+
+
+def test_large_triangles_are_drawn_in_all_their_colours() -> None:
+    """A can of long triangles was drawn in stripes: each has one colour."""
+    corners = np.array(
+        [[[0, 0, 0], [0.08, 0, 0], [0, 0.02, 0]], [[0, 0, 0], [0.001, 0, 0], [0, 0.001, 0]]], dtype=float
+    )
+    parts, uv = finer(corners, corners[..., :2] * 10, 0.003)
+    assert np.linalg.norm(parts - np.roll(parts, 1, axis=1), axis=2).max() <= 0.003
+    np.testing.assert_allclose(uv, parts[..., :2] * 10, atol=1e-12)
+    area = np.linalg.norm(np.cross(parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0]), axis=1).sum() / 2
+    assert area == pytest.approx(0.0008 + 5e-7)
 
 
 def page(*arguments: object) -> subprocess.CompletedProcess[str]:
