@@ -158,6 +158,14 @@ def test_depth_of_a_bent_picture_is_that_between_its_pixels(distortion: tuple[fl
     assert there.mean() > 0.5 and np.abs(got - want)[there].max() < 1e-4
 
 
+def test_what_a_camera_is_called_is_told_and_passed_over(folder: Path) -> None:
+    assert FrameFolder(folder).notes == []
+    said = {"serial": "0123", "depth_camera": {"cam_K": [9, 0, 4, 0, 9, 3, 0, 0, 1], "width": 8}}
+    (folder / "camera_extra.json").write_text(json.dumps(said))
+    notes = FrameFolder(folder).notes
+    assert [note.rsplit(": ", 1)[1] for note in notes] == ["serial is not read", "width is not read"]
+
+
 @pytest.mark.parametrize("depth_apart", [False, True])
 @pytest.mark.parametrize(
     ("lens", "told"),

@@ -58,6 +58,8 @@ def build_from_frames(
     check_told(mass, density, "m")
     place_for(name, library, replace_it)
     frames = posed_frames(folder, masks)
+    for note in frames.notes if isinstance(frames, FrameFolder) else ():
+        say(f"note: {note}")
     return asset_of_frames(frames, AssetPlace(name, library, mass, density, replace_it), str(folder), say)
 
 

@@ -4,13 +4,14 @@
 …, "R_CD": [9 numbers], "t_CD": [3 numbers, mm], "depth_scale": mm}, "calibration_std": {"position": mm, "rotation":
 rad, "focal": share, "centre": px, "depth_scale": share}}`, all optional; distortion as OpenCV has it: of a `brown` lens
 4, 5 or 8 (rational) coefficients, of a `fisheye` k1 to k4. D is the depth camera's optical frame, C that of the colour
-camera. The depth camera's own `depth_scale` goes before that of `scene_camera.json`. Another name is refused: a slip of
-writing would else be passed over.
+camera. The depth camera's own `depth_scale` goes before that of `scene_camera.json`. Other names are told and
+passed over, but for those that may be a slip of writing.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ class ExtraCamera:
     """Distortion of both cameras, (n,) or empty, whether they are fisheyes, and the depth camera's (fx, fy, cx, cy).
 
     R_CD and p_CD [m] where it is apart. `depth_scale`: its own [mm], or None. `calibration`: how well all that is
-    known; None where it is not told. `file`: that says so.
+    known; None where it is not told. `file`: that says so. `unread`: names in it that nothing is done about.
     """
 
     distortion: Array
@@ -46,6 +47,7 @@ class ExtraCamera:
     calibration: CalibrationError | None = None
     file: Path = Path("camera_extra.json")
     fisheyes: tuple[bool, bool] = (False, False)
+    unread: tuple[str, ...] = ()
 
     def depth_camera(self, colour: ViewCamera, size: tuple[int, ...]) -> ViewCamera:
         """Return the camera of a depth image of `size` (h, w) beside that of the colour image."""
@@ -120,12 +122,14 @@ def read_extra(folder: Path) -> ExtraCamera:
     own = raw.get("depth_camera") if isinstance(raw, dict) else None
     if not isinstance(raw, dict) or not (own is None or isinstance(own, dict)):
         raise FramesError(f"{path}: must hold an object with distortion and depth_camera")
-    _refuse_others(raw, _KEYS, str(path))
+    unread = _others(raw, _KEYS, path)
     distortion, fisheye = _distortion(raw, path)
     calibration = _calibration(raw, path)
     if own is None:
-        return ExtraCamera(distortion, distortion, calibration=calibration, file=path, fisheyes=(fisheye, fisheye))
-    _refuse_others(own, _DEPTH_KEYS, f"{path}: depth_camera")
+        return ExtraCamera(
+            distortion, distortion, calibration=calibration, file=path, fisheyes=(fisheye, fisheye), unread=unread
+        )
+    unread += _others(own, _DEPTH_KEYS, path)
     K = _list(own, "cam_K", (9,), path).reshape(3, 3)
     if not np.allclose(K[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]], [0, 0, 0, 0, 1], atol=1e-6):
         raise FramesError(f"{path}: depth_camera: cam_K must be [fx 0 cx 0 fy cy 0 0 1], not {K.ravel().tolist()}")
@@ -138,7 +142,7 @@ def read_extra(folder: Path) -> ExtraCamera:
     if scale is not None and scale <= 0:
         raise FramesError(f"{path}: depth_camera: depth_scale is {scale:g}, must be positive [mm]")
     bent, other = _distortion(own, path)
-    return ExtraCamera(distortion, bent, True, intrinsics, R, p, scale, calibration, path, (fisheye, other))
+    return ExtraCamera(distortion, bent, True, intrinsics, R, p, scale, calibration, path, (fisheye, other), unread)
 
 
 _KEYS = ("distortion", "lens", "depth_camera", "calibration_std")
@@ -146,14 +150,18 @@ _DEPTH_KEYS = ("cam_K", "distortion", "lens", "R_CD", "t_CD", "depth_scale")
 """What is read of the file, and of the depth camera in it."""
 
 
-def _refuse_others(told: dict[str, Any], known: tuple[str, ...], where: str) -> None:
-    """Refuse what is not read: it would count as done.
+def _others(told: dict[str, Any], known: tuple[str, ...], path: Path) -> tuple[str, ...]:
+    """Return what is not read, such as a camera's name.
 
     Raises:
-        FramesError: names it.
+        FramesError: one is nearly a name that is read, or tells a kind of lens: it would count as done.
     """
-    if other := [key for key in told if key not in known]:
-        raise FramesError(f"{where}: {other[0]} is not read; what is: {', '.join(known)}")
+    others = [key for key in told if key not in known]
+    for key in others:
+        if "model" in key or get_close_matches(key, known, 1):
+            where = path if known is _KEYS else f"{path}: depth_camera"
+            raise FramesError(f"{where}: {key} is not read; what is: {', '.join(known)}")
+    return tuple(others)
 
 
 _COEFFICIENTS = {"brown": (0, 4, 5, 8), "fisheye": (4,)}

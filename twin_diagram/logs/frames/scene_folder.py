@@ -82,6 +82,7 @@ class FrameFolder:
         posed: whether the frames say where their cameras were; else W is the first camera's frame, and the camera
             stands.
         calibration: RMS errors of what is told of the cameras; None where that is not told.
+        notes: what is said of the cameras and not read.
         has_masks: whether there are masks.
 
     Raises:
@@ -116,6 +117,7 @@ class FrameFolder:
         told = self._extra.depth_scale
         self._scales = {number: self._scale(number) if told is None else told for number in self.numbers}
         self.calibration = self._extra.calibration
+        self.notes = [f"{self._extra.file}: {name} is not read" for name in self._extra.unread]
         self._sizes: dict[str, tuple[int, ...]] = {}
 
     def __len__(self) -> int:

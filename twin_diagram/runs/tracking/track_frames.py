@@ -89,6 +89,8 @@ def track_frames(
     """
     _check_told(out, grow, seed)
     folder = FrameFolder(frames, masked=False)
+    for note in folder.notes:
+        say(f"note: {note}")
     assets, numbers = _library(library, say, grow)
     told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
     tracker = ObjectTracker(assets, PERCEPTION, grows=grow is not None)
