@@ -45,7 +45,7 @@ def of_all(read: Callable[[Path], Mapping[str, T]], parts: Sequence[Path]) -> di
     """Return what is read of all files of a description, by joint; of two of one name, what the first file says.
 
     Args:
-        read: `armatures`, `following` or `effort_limits`.
+        read: `armatures`, `following`, `driven` or `effort_limits`.
         parts: the files, see `named_files.parts_of`.
 
     Raises:
@@ -174,6 +174,14 @@ def effort_limits(path: Path) -> dict[str, float]:
     each = [(joint.get("name", ""), joint.find("limit")) for joint in _root(path).iter("joint")]
     efforts = {name: float(limit.get("effort", "0")) for name, limit in each if limit is not None}
     return {name: effort for name, effort in efforts.items() if effort > 0.0}
+
+
+def driven(path: Path) -> dict[str, bool]:
+    """Return the joints that an MJCF's motors drive by name, each True: Drake passes over most kinds of motors."""
+    if path.suffix.lower() != ".xml":
+        return {}
+    motors = (motor for actuator in tree(path).iter("actuator") for motor in actuator)
+    return {motor.get("joint", ""): True for motor in motors if motor.get("joint")}
 
 
 def _motor_limits(root: Element) -> Iterator[tuple[str, float]]:
