@@ -15,6 +15,7 @@ from twin_diagram import scenario
 from twin_diagram.errors import ArgumentError, LogError, ModelError
 from twin_diagram.logs import Log, check
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.description import unparsed
 from twin_diagram.model.effects import make, realisation, spec_of
 from twin_diagram.model.effects.parameter_vector import with_values
 from twin_diagram.model.model import Model
@@ -394,6 +395,9 @@ def test_what_turns_and_has_no_motor_in_an_mjcf_is_no_joint_of_the_arm(tmp_path:
     )
     model = Model.load(tmp_path / "arm.xml")
     assert model.joints == ("shoulder",) and model.arm.gripper_joints == ()
+    (tmp_path / "hand.xml").write_text((tmp_path / "arm.xml").read_text().replace("shoulder", "thumb"))
+    told = unparsed.of_all(unparsed.driven, [chain(tmp_path), tmp_path / "hand.xml"])
+    assert told == {"thumb": True, "left": False, "right": False, "pad": False}, "of a URDF's joints nothing is said"
 
 
 @pytest.mark.parametrize(

@@ -303,8 +303,8 @@ def _choose(
     """Return the arm's joints and the gripper's, named or by rule, of `every` joint, also those that are fixed."""
     movable = [joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
     driven = [joint for joint in movable if (int(joint.index()) in motors if motors else joint.name() not in following)]
-    if told and not motors:  # what turns and has none is a hand's: its tendon is moved
-        driven = [j for j in driven if j.name() in told or isinstance(j, PrismaticJoint)]
+    if not motors:  # what turns and is told to have none is a hand's: its tendon is moved
+        driven = [j for j in driven if told.get(j.name(), True) or isinstance(j, PrismaticJoint)]
     fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and _is_finger(joint, movable)]
     held = {int(joint.index()) for joint in fingers}
     links = [joint for joint in driven if int(joint.index()) not in held]

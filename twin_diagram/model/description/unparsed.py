@@ -177,11 +177,16 @@ def effort_limits(path: Path) -> dict[str, float]:
 
 
 def driven(path: Path) -> dict[str, bool]:
-    """Return the joints that an MJCF's motors drive by name, each True: Drake passes over most kinds of motors."""
+    """Return whether each joint of an MJCF has a motor of its own; Drake passes over most kinds of them.
+
+    Nothing is said of the joints of other files, and of one in which no joint has a motor.
+    """
     if path.suffix.lower() != ".xml":
         return {}
-    motors = (motor for actuator in tree(path).iter("actuator") for motor in actuator)
-    return {motor.get("joint", ""): True for motor in motors if motor.get("joint")}
+    root = tree(path)
+    motors = {motor.get("joint") for actuator in root.iter("actuator") for motor in actuator} - {None}
+    joints = (joint.get("name", "") for world in root.iter("worldbody") for joint in world.iter("joint"))
+    return {name: name in motors for name in joints} if motors else {}
 
 
 def _motor_limits(root: Element) -> Iterator[tuple[str, float]]:
