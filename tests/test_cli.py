@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import logging
 import os
 import shutil
 import subprocess
@@ -347,6 +348,18 @@ def test_output_that_is_closed_is_none() -> None:
     argv = [sys.executable, "-c", script, "predict", "--model", "m", "--log", "l", "--out", "o"]
     done = subprocess.run(["sh", "-c", 'exec "$@" >&-', "sh", *argv], stderr=subprocess.PIPE, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("said", "heard"),
+    [
+        ("Meshcat: An obj referenced a material library 'x.mtl' that …; no materials will be included.", False),
+        ("joint 'j' has non-zero joint friction", False),
+        ("Meshcat: something else", True),
+    ],
+)
+def test_what_drake_says_of_paint_and_friction_is_left_out(said: str, heard: bool) -> None:
+    assert cli._worth_saying(logging.LogRecord("drake", logging.WARNING, "", 0, said, None, None)) is heard
 
 
 # What works.

@@ -91,8 +91,12 @@ def _leave_stdout() -> None:
 
 
 def _worth_saying(record: logging.LogRecord) -> bool:
-    """Leave out what Drake says of joint friction: `model.description.unparsed` reads what Drake does not."""
-    return record.levelno >= logging.WARNING and "non-zero joint friction" not in record.getMessage()
+    """Leave out what Drake says of joint friction, which `model.description.unparsed` reads, and of meshes' paint.
+
+    Of that, Meshcat says a line for each OBJ whose .mtl is not there, as of most published arms: twenty for a UR5e.
+    """
+    left_out = ("non-zero joint friction", "no materials will be included")
+    return record.levelno >= logging.WARNING and not any(words in record.getMessage() for words in left_out)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -15,6 +15,7 @@ from twin_diagram import scenario
 from twin_diagram.errors import ArgumentError, LogError, ModelError
 from twin_diagram.logs import Log, check
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.description import unparsed
 from twin_diagram.model.effects import make, realisation, spec_of
 from twin_diagram.model.effects.parameter_vector import with_values
 from twin_diagram.model.model import Model
@@ -376,6 +377,27 @@ def test_classes_of_an_mjcf_hold_what_those_around_them_say(tmp_path: Path) -> N
     np.testing.assert_array_equal(model.effort_limit, [150.0, 56.0])  # Drake passes over `general` motors
     q, v, a = motion(10, 40, 2)
     np.testing.assert_allclose(model.inverse_dynamics(q, v, a), other.inverse_dynamics(q, v, a), atol=1e-9)
+
+
+def test_what_turns_and_has_no_motor_in_an_mjcf_is_no_joint_of_the_arm(tmp_path: Path) -> None:
+    """A 2F-85 on an arm, both as MuJoCo Menagerie has them: knuckles that a tendon moves were taken for the arm's."""
+    finger = (
+        '<body name="{0}" pos="0 {1} 0.1"><joint name="{0}" axis="1 0 0"/><geom size="0.01" mass="0.01"/>{2}</body>'
+    )
+    pad = finger.format("pad", 0.01, "")
+    (tmp_path / "arm.xml").write_text(
+        f"""<mujoco model="arm"><worldbody><body name="upper"><joint name="shoulder" axis="0 1 0"/>
+        <geom size="0.1" mass="1"/>{finger.format("left", 0.02, "")}{finger.format("right", -0.02, pad)}</body>
+        </worldbody>
+        <tendon><fixed name="split"><joint joint="left" coef="0.5"/><joint joint="right" coef="0.5"/></fixed></tendon>
+        <equality><joint joint1="right" joint2="left"/></equality>
+        <actuator><general joint="shoulder"/><general tendon="split"/></actuator></mujoco>"""
+    )
+    model = Model.load(tmp_path / "arm.xml")
+    assert model.joints == ("shoulder",) and model.arm.gripper_joints == ()
+    (tmp_path / "hand.xml").write_text((tmp_path / "arm.xml").read_text().replace("shoulder", "thumb"))
+    told = unparsed.of_all(unparsed.driven, [chain(tmp_path), tmp_path / "hand.xml"])
+    assert told == {"thumb": True, "left": False, "right": False, "pad": False}, "of a URDF's joints nothing is said"
 
 
 @pytest.mark.parametrize(

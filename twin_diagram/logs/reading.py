@@ -48,9 +48,6 @@ BAGS = (".mcap", ".db3", ".bag")
 LCM_LOGS = (".lcm", ".lcmlog", ".log")
 """Endings of LCM logs; `lcm-logger` itself asks for none."""
 
-_PACKED = (".gz", ".bz2", ".xz", ".zst", ".zip")
-"""Endings of files that hold another one."""
-
 
 def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     """Read a measured log: CSV or .npz in the log format, a ROS bag, or an LCM log.
@@ -95,7 +92,7 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
         return log_from_columns(read_columns(path), str(path), lambda sample: f"line {sample + 2}")
     if suffix == ".npz":
         return log_from_columns(_read_npz(path), str(path), lambda sample: f"sample {sample}")
-    packed = "; unpack it first" if suffix in _PACKED else ""
+    packed = "; unpack it first" * (suffix in (".gz", ".bz2", ".xz", ".zst", ".zip"))
     raise LogError(f"{path}: is none of .csv, .npz, a ROS bag (.mcap, .db3, .bag) and an LCM log{packed}")
 
 
@@ -222,12 +219,9 @@ def _signal(columns: Mapping[str, Array], signal: str, joints: Sequence[str], so
 
 def _check_time(time: Array, columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> None:
     steps = np.diff(time)
-    bad = np.flatnonzero(steps <= 0.0)
-    if len(bad):
-        k = int(bad[0])
-        what = "is the same as" if steps[k] == 0.0 else "is before"
-        what += " the one above it; time must rise"
-        again = np.flatnonzero(steps == 0.0)
+    if len(bad := np.flatnonzero(steps <= 0.0)):
+        k, again = int(bad[0]), np.flatnonzero(steps == 0.0)
+        what = f"{'is the same as' if steps[k] == 0.0 else 'is before'} the one above it; time must rise"
         if len(again) and all(np.array_equal(column[again], column[again + 1]) for column in columns.values()):
             what += ". Such samples are the same in all columns: leave one of each"
         elif np.median(steps) == 0.0 and not np.any(steps < 0.0):

@@ -211,14 +211,14 @@ def add_arm(
     }
     parts = _parts(spec, packages)
     following = unparsed.of_all(unparsed.following, parts)
-    arm_joints, gripper_joints = _choose(spec, every, motors, following)
+    arm_joints, gripper_joints = _choose(spec, every, motors, following, unparsed.of_all(unparsed.driven, parts))
     joint_tree.refuse_alike(spec.model, plant, instances, arm_joints)
     if spec.joints:
         driven = {int(joint.index()) for joint in gripper_joints}
         still = [joint for joint in held_joints.beside(arm_joints, every) if int(joint.index()) not in driven]
         if held_joints.hold(plant, still, following):
             every = _joints(plant, instances)
-    _give_motors(plant, motors, [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])], parts)
+    _add_motors(plant, [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])], motors, parts)
     base = _weld_base(plant, instances, arm_joints[0], spec)
     carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, every))]
     last_link = (carrying or arm_joints)[-1].child_body()
@@ -239,20 +239,6 @@ def add_arm(
         parts=parts,
         stated=unparsed.stated_dynamics(parts, [joint.name() for joint in arm_joints]),
     )
-
-
-def _give_motors(
-    plant: MultibodyPlant, motors: dict[int, JointActuator], joints: Sequence[Joint], parts: Sequence[Path]
-) -> None:
-    """Give each joint the motor that it lacks, and all of them what the description says of motors unread by Drake."""
-    efforts, rotors = unparsed.of_all(unparsed.effort_limits, parts), unparsed.of_all(unparsed.armatures, parts)
-    for joint in joints:
-        if int(joint.index()) not in motors:
-            limit = efforts.get(joint.name(), np.inf)
-            motor = motors[int(joint.index())] = plant.AddJointActuator(f"{joint.name()}_motor", joint, limit)
-            motor.set_default_rotor_inertia(rotors.get(joint.name(), 0.0))
-        elif joint.name() in efforts:
-            motors[int(joint.index())].set_effort_limit(efforts[joint.name()])
 
 
 def _parts(spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None) -> tuple[Path, ...]:
@@ -293,15 +279,32 @@ def _joints(plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex]) -> l
     return [plant.get_joint(JointIndex(index)) for index in indices]
 
 
+def _add_motors(
+    plant: MultibodyPlant, joints: Sequence[Joint], motors: dict[int, JointActuator], parts: Sequence[Path]
+) -> None:
+    """Give each joint a motor, with the limit and the rotor that the description states."""
+    efforts, rotors = unparsed.of_all(unparsed.effort_limits, parts), unparsed.of_all(unparsed.armatures, parts)
+    for joint in joints:
+        if int(joint.index()) not in motors:
+            limit = efforts.get(joint.name(), np.inf)
+            motor = motors[int(joint.index())] = plant.AddJointActuator(f"{joint.name()}_motor", joint, limit)
+            motor.set_default_rotor_inertia(rotors.get(joint.name(), 0.0))
+        elif joint.name() in efforts:
+            motors[int(joint.index())].set_effort_limit(efforts[joint.name()])
+
+
 def _choose(
     spec: scenario.ArmModel,
     every: Sequence[Joint],
     motors: Mapping[int, JointActuator],
     following: Mapping[str, unparsed.Following],
+    told: Mapping[str, bool],
 ) -> tuple[list[Joint], list[Joint]]:
     """Return the arm's joints and the gripper's, named or by rule, of `every` joint, also those that are fixed."""
     movable = [joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
     driven = [joint for joint in movable if (int(joint.index()) in motors if motors else joint.name() not in following)]
+    if not motors:  # what turns and is told to have none is a hand's: its tendon is moved
+        driven = [j for j in driven if told.get(j.name(), True) or isinstance(j, PrismaticJoint)]
     fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and _is_finger(joint, movable)]
     held = {int(joint.index()) for joint in fingers}
     links = [joint for joint in driven if int(joint.index()) not in held]
@@ -314,24 +317,8 @@ def _choose(
         beside = {int(joint.index()) for joint in held_joints.beside(arm, every)} if spec.joints else set()
         gripper = [j for j in driven if isinstance(j, PrismaticJoint) and int(j.index()) not in beside]
     in_arm = {int(joint.index()) for joint in arm}
-    _refuse_carried(spec, arm, every, following)
+    joint_tree.refuse_carried(spec.model, arm, every, following)
     return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]
-
-
-def _refuse_carried(
-    spec: scenario.ArmModel, arm: Sequence[Joint], every: Sequence[Joint], following: Mapping[str, unparsed.Following]
-) -> None:
-    """Raise ModelError where a joint that follows one of the arm's carries another: it would be held where it is."""
-    above = joint_tree.carriers(every)
-    own = {joint.name() for joint in arm}
-    for joint in arm:
-        for name in (each.name() for each in above(joint)):
-            if name not in own and name in following and following[name].leader in own:
-                raise ModelError(
-                    f"{spec.model}: joint {name!r} follows {following[name].leader!r} and carries {joint.name()!r}; "
-                    "such an arm is not modelled. If these are a gripper's, name the arm's own joints (--joints; "
-                    "twin.arm.joints and world.arm.joints of a scenario), else name it, too, as one that is driven"
-                )
 
 
 def _is_finger(joint: Joint, movable: Sequence[Joint]) -> bool:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, ModelInstanceIndex
 
 from twin_diagram.errors import ModelError
+from twin_diagram.model.description.unparsed import Following
 
 
 def carriers(every: Sequence[Joint]) -> Callable[[Joint], list[Joint]]:
@@ -87,3 +88,26 @@ def refuse_alike(
                 f"{path}: joint {name!r} is in {' and in '.join(models)}: names must tell a robot's arms apart; "
                 "give one arm's own description (X_WB: where its base stands)"
             )
+
+
+def refuse_carried(
+    place: str, arm: Sequence[Joint], every: Sequence[Joint], following: Mapping[str, Following]
+) -> None:
+    """Raise ModelError where a joint that follows one of an arm's carries another: it would be held where it is.
+
+    Args:
+        place: the description.
+        arm: its joints.
+        every: joints of the robot, also those that are fixed.
+        following: of each joint that follows another one, how.
+    """
+    above = carriers(every)
+    own = {joint.name() for joint in arm}
+    for joint in arm:
+        for name in (each.name() for each in above(joint)):
+            if name not in own and name in following and following[name].leader in own:
+                raise ModelError(
+                    f"{place}: joint {name!r} follows {following[name].leader!r} and carries {joint.name()!r}; "
+                    "such an arm is not modelled. If these are a gripper's, name the arm's own joints (--joints, "
+                    "twin.arm.joints), else name it, too, as one that is driven"
+                )

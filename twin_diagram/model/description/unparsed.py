@@ -45,7 +45,7 @@ def of_all(read: Callable[[Path], Mapping[str, T]], parts: Sequence[Path]) -> di
     """Return what is read of all files of a description, by joint; of two of one name, what the first file says.
 
     Args:
-        read: `armatures`, `following` or `effort_limits`.
+        read: `armatures`, `following`, `driven` or `effort_limits`.
         parts: the files, see `named_files.parts_of`.
 
     Raises:
@@ -174,6 +174,19 @@ def effort_limits(path: Path) -> dict[str, float]:
     each = [(joint.get("name", ""), joint.find("limit")) for joint in _root(path).iter("joint")]
     efforts = {name: float(limit.get("effort", "0")) for name, limit in each if limit is not None}
     return {name: effort for name, effort in efforts.items() if effort > 0.0}
+
+
+def driven(path: Path) -> dict[str, bool]:
+    """Return whether each joint of an MJCF has a motor of its own; Drake passes over most kinds of them.
+
+    Nothing is said of the joints of other files, and of one in which no joint has a motor.
+    """
+    if path.suffix.lower() != ".xml":
+        return {}
+    root = tree(path)
+    motors = {motor.get("joint") for actuator in root.iter("actuator") for motor in actuator} - {None}
+    joints = (joint.get("name", "") for world in root.iter("worldbody") for joint in world.iter("joint"))
+    return {name: name in motors for name in joints} if motors else {}
 
 
 def _motor_limits(root: Element) -> Iterator[tuple[str, float]]:
