@@ -165,3 +165,16 @@ def test_pictures_in_turn_are_not_counted_twice() -> None:
     together = fuse([seen(), seen()])
     in_turn = fuse([seen(), seen(time=0.97)])
     np.testing.assert_allclose(in_turn.measured.covariance, 2.0 * together.measured.covariance)
+
+
+def test_what_turns_in_place_is_as_the_newest_image_shows_it() -> None:
+    """At 1 rad/s its side, a decimetre from its middle, goes 4 mm in 40 ms."""
+    before = seen(time=0.96, velocity=[0, 0, 1.0, 0, 0, 0])
+    after = seen([0, 0, 0.04, 0, 0, 0], time=1.0, velocity=[0, 0, 1.0, 0, 0, 0])
+    np.testing.assert_array_equal(fuse([before, after]).weights, [np.zeros((6, 6)), np.eye(6)])
+
+
+@pytest.mark.parametrize(("periods", "counts"), [(1.5, True), (1.7, False)])
+def test_an_image_that_comes_late_is_waited_for(periods: float, counts: bool) -> None:
+    fused = fuse([seen(time=1.0 - periods / 15.0), seen()])
+    assert bool(fused.weights[0].any()) == counts

@@ -97,3 +97,10 @@ def test_without_a_way_or_a_limit_it_is_as_it_was() -> None:
     np.testing.assert_allclose(twice.at(np.array([0.5])), [[0.2, 0, 0]])
     free = profile(CORNERS, V, np.full(3, np.inf))
     assert free.duration == pytest.approx((np.abs(np.diff(CORNERS, axis=0)) / V).max(axis=1).sum())
+
+
+def test_who_brakes_gently_passes_corners_slowly_enough_for_it() -> None:
+    """The last stretch is too short to come to rest on at half the deceleration from what the whole would allow."""
+    found = profile(np.array([[0.0], [1.0], [1.05]]), np.array([10.0]), np.array([2.0]), gentle=0.5)
+    rates = np.diff(found.speeds) / np.maximum(np.diff(found.times), 1e-12)
+    assert rates.min() == pytest.approx(-1.0) and rates.max() == pytest.approx(2.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ from twin_diagram.estimation.weighing import Grip, WeighingError
 from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model import Model
-from twin_diagram.runs.learning import handling
+from twin_diagram.runs.learning import handling, weighing
 from twin_diagram.runs.learning.cell import Recording
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.shown_object import ShownObject
@@ -180,3 +181,23 @@ def test_what_cannot_be_swung_was_weighed_at_rest(
     with pytest.raises(WeighingError, match="no motion"):
         handling.weigh_held(tools, shown, tmp_path)
     assert shown.mass_at_rest == told and shown.swung is None
+
+
+def test_what_slipped_on_the_way_is_known_less_well_by_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    doubts = []
+
+    def weigh(*arguments: Any, doubt: Any) -> Any:
+        doubts.append(doubt)
+        return SimpleNamespace(mass=1.0, measured=lambda: None)
+
+    monkeypatch.setattr(weighing, "weigh", weigh)
+    corners = np.array([[[0, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 0, 0], [1, 0, 0], [0, 0, 1]],
+                        [[0, 0, 0], [0, 0, 1], [0, 1, 0]], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]], dtype=float)  # fmt: skip
+    model: Any = SimpleNamespace(arm=SimpleNamespace(link_side=True))
+    surface: Any = SimpleNamespace(corners=0.1 * corners)
+    for slip in ((0.0, 0.0), (0.02, 0.3)):
+        weighing.inertia_of(model, replace(swung(), slip=slip), None, surface)
+    still, slid = doubts
+    step, turn = weighing.TUNING.slipping * 0.02, weighing.TUNING.slipping * 0.3
+    assert slid.pose == pytest.approx((np.hypot(still.pose[0], step), np.hypot(still.pose[1], turn)))
+    assert slid.creep == pytest.approx(tuple(np.hypot(still.creep, (0.02, 0.3))))
