@@ -18,7 +18,7 @@ from twin_diagram.assets.building.depth_view import DepthView, make_view, surfac
 from twin_diagram.assets.building.fusion import FusionGrid, fuse
 from twin_diagram.assets.building.looking_past import check_unseen
 from twin_diagram.assets.building.predictions import metric, read_predictions
-from twin_diagram.assets.building.reconstruct import Reconstruction, reconstruct
+from twin_diagram.assets.building.reconstruct import Reconstruction, object_points, reconstruct
 from twin_diagram.assets.building.selection import the_one_thing
 from twin_diagram.assets.building.view_poses import align, mean_surface
 from twin_diagram.assets.description import read_spec
@@ -404,3 +404,13 @@ def test_views_that_show_the_object_from_the_side_alone_agree_all_the_same() -> 
     for view, told in zip(elsewhere.views, views, strict=True):
         np.testing.assert_array_equal(view.camera.p_WC, told.camera.p_WC)
     assert not elsewhere.explained.any() and (np.linalg.eigvalsh(elsewhere.covariances) > 0).all()
+
+
+def test_walls_behind_what_is_held_in_the_air_are_none_of_it() -> None:
+    """Each view has another one there, and masks are grown: the rims counted as a second thing."""
+    size = (0.05, 0.04, 0.06)
+    taken = shots([box(size)], cameras(8, 0.03), masked=True)
+    held = [replace(f, depth=np.where(f.mask, f.depth, np.float32(0.5))) for f in taken.frames]
+    points, plane = object_points([thinned(frame, 1) for frame in held], "held", 0)
+    assert plane is None
+    np.testing.assert_allclose(np.ptp(points, axis=0), size, atol=0.004)

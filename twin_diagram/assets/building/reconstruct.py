@@ -237,7 +237,10 @@ def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Ar
         if plane is None:
             raise FramesError(f"{where}: no plane on which a thing stands; give masks of the object")
         held = near
-    if plane is not None:
+    if plane is None:  # held in the air: what a grown mask shows beside it lies behind it, and no plane parts it off
+        each = zip(views, samples, own, strict=True)
+        held = held & np.concatenate([masked_by_most([view], sample[0], [mask]) for view, sample, mask in each])
+    else:
         held = held & (points @ plane[:3] - plane[3] > stands_out(points, normals, plane))
     candidates = points[held]
     kept = candidates[the_one_thing(candidates, where)]

@@ -146,8 +146,9 @@ def read_extra(folder: Path) -> ExtraCamera:
 
 
 _KEYS = ("distortion", "lens", "depth_camera", "calibration_std")
+"""What is read of the file, …"""
 _DEPTH_KEYS = ("cam_K", "distortion", "lens", "R_CD", "t_CD", "depth_scale")
-"""What is read of the file, and of the depth camera in it."""
+"""… and of the depth camera in it."""
 
 
 def _others(told: dict[str, Any], known: tuple[str, ...], path: Path) -> tuple[str, ...]:
