@@ -16,8 +16,8 @@ from twin_diagram.signals.arrays import Array
 class Sightless:
     """A cell that is where it was told to go, and takes no pictures."""
 
-    def __init__(self, q: Array) -> None:
-        self.commanded, self.gone = q, [q]
+    def __init__(self, q: Array, opening: float = 0.05) -> None:
+        self.commanded, self.gone, self.opening = q, [q], opening
 
     def wait(self, seconds: float) -> None: ...
 
@@ -41,3 +41,12 @@ def test_the_last_joint_is_turned_within_its_limits(limits: tuple[float, float],
         display(mover, cast(Any, cell), twin.learning, cast(Any, None), 0, (0.2,))
     last = np.array(cell.gone)[:, -1]
     assert (last.min(), last.max()) == pytest.approx(turned)
+
+
+def test_what_fell_on_its_way_is_told_at_once_and_no_empty_hand_is_turned() -> None:
+    twin = load_scenario("bin_picking").twin
+    assert twin.learning is not None
+    mover, cell = Mover(twin, {}, np.full(7, 2.0)), Sightless(np.array(twin.home), 0.001)
+    with pytest.raises(NothingHeld, match="fell on its way"):
+        display(mover, cast(Any, cell), twin.learning, cast(Any, None), 0, (0.2,))
+    assert np.ptp(np.array(cell.gone)[:, -1]) < 3.1, "a turn is 5.9 rad"

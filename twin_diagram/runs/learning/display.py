@@ -17,6 +17,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
+from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import go
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
@@ -139,7 +140,7 @@ def display(
 
     Raises:
         NoWay: the arm cannot show it at any tilt.
-        NothingHeld: no picture shows anything in the hand.
+        NothingHeld: it fell before the first turn, or no picture shows anything in the hand.
     """
     taken: list[HeldPicture] = []
     ways = 0
@@ -148,6 +149,8 @@ def display(
         if q is None:
             continue
         ways += 1
+        if not taken and cell.opening < PICKING.empty:
+            raise NothingHeld("it fell on its way to the camera")
         taken += _turn(mover, cell, learning, robot, grasp, q, during)
     if not ways:
         raise NoWay("cannot be shown to the camera: no posture is reached")
