@@ -223,6 +223,16 @@ def test_what_is_held_is_no_thing_though_depth_is_late_and_what_is_beside_it_is_
         assert not told or beside or not any(thing.identity for one in out for thing in things_of(one.things))
 
 
+def test_the_place_that_a_hand_took_a_thing_from_does_not_tell_that_it_is_gone(library: tuple[Known, ...]) -> None:
+    unaware, aware = ([one.poses[0].quality for one in run(library, carried(0.5, told))] for told in (False, True))
+    assert min(unaware) < 0.0 and min(aware) >= 0.0
+    shown = carried(0.5, True)
+    for k in (4, 5):  # but where the hand has it no more, images show that, too
+        fallen = np.array([0.0, -0.15, 0.0])
+        shown[k] = replace(shown[k], held=HeldPlaces(0, shown[k].held.R, shown[k].held.p + fallen))  # type: ignore[union-attr]
+    assert min(one.poses[0].quality for one in run(library, shown)) < 0.0
+
+
 def test_what_finds_no_slot_is_counted_and_nothing_breaks(library: tuple[Known, ...]) -> None:
     things = [standing(SUGAR, A, 0.4), standing(SUGAR, B, -0.5), standing(TALL, C + [0.3, -0.3], 0.2)]
     images = [shot(things, k) for k in range(5)]

@@ -9,18 +9,20 @@ not believed to be there then, but what is seen where the hand has it is no othe
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import Poses
+from twin_diagram.perception.registration.instances import emptiness
 from twin_diagram.perception.registration.point_kernels import COARSE
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import MOVING, registered_near, unmistaken
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
-from twin_diagram.perception.segmentation.segments import HeldPlaces
+from twin_diagram.perception.segmentation.segments import HeldPlaces, Segments
 from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.signals.layouts import PoseMeasurement
 
@@ -44,3 +46,15 @@ def where_held(
     if held is not None and measured[held.asset].quality <= 0:
         for R, p in zip(held.R, held.p, strict=True):
             yield library[held.asset].model, R, p
+
+
+def seen_empty(k: int, known: Known, slot: Slot, segments: Segments) -> float:
+    """Return the share of object k's surface whose place is seen empty; of what the hand holds, all its places there.
+
+    Where a hand took it from is empty, and tells nothing of where it is.
+    """
+    held = segments.held
+    if held is None or held.asset != k:
+        return emptiness(known.model, slot, segments)
+    there = [replace(slot, R=R, p=p) for R, p in zip(held.R, held.p, strict=True)]
+    return min(emptiness(known.model, one, segments) for one in there)

@@ -15,7 +15,6 @@ from twin_diagram.perception.registration.colour_shift import ALIGNED, COLOUR_SH
 from twin_diagram.perception.registration.instances import (
     INSTANCE_SIZE,
     Instance,
-    emptiness,
     recognised,
     settled,
 )
@@ -27,7 +26,7 @@ from twin_diagram.perception.registration.slots import Slot, measurement, seen, 
 from twin_diagram.perception.registration.tracking import step
 from twin_diagram.perception.registration.turned_alike import unweighed
 from twin_diagram.perception.registration.view import Known
-from twin_diagram.perception.registration.where_held import where_held
+from twin_diagram.perception.registration.where_held import seen_empty, where_held
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things import memory as things
 from twin_diagram.perception.things.clusters import Placed, clusters, unexplained
@@ -165,7 +164,7 @@ def advance(
         if one.quality > 0:
             known.append((library[k].model, after[k].R, after[k].p))
         elif after[k].known:
-            measured[k] = replace(one, quality=-emptiness(library[k].model, after[k], segments))
+            measured[k] = replace(one, quality=-seen_empty(k, library[k], after[k], segments))
 
     pool = _Pool([*beside.further], np.zeros((told.further, FURTHER_MEASUREMENT_SIZE)), beside.identities[0])
     for k, slot, one in zip(held, after[first:], measured[first:], strict=True):
