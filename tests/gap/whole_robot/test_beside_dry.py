@@ -11,7 +11,6 @@ import pytest
 from tests.gap.made import ARM, WRIST, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.findings import Estimate, Finding
-from twin_diagram.gap.whole_robot import concluding
 from twin_diagram.gap.whole_robot.beside_dry import (
     DAMPING,
     DRY,
@@ -91,18 +90,6 @@ def test_a_rotor_that_is_known_to_a_half_stands_beside_dry_friction(rotor: float
     error = np.sqrt(own_part(problem, np.diag(covariance(problem, z)))[WRIST, term])
     assert value == pytest.approx(rotor, abs=2.0 * error) and error > value / 3.0
     assert sure_ones(problem)[0].own_free[WRIST, term] == said
-
-
-def test_an_offset_that_is_not_known_to_a_third_stays_where_left_out_motion_misses_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """By four nats here; else a rotor, say, that is there would lose its place to what stands in for the offset."""
-    problem, z, term = lacking("torque_bias", "torque", 1.5)
-    error = np.sqrt(own_part(problem, np.diag(covariance(problem, z)))[WRIST, term])
-    assert error > own_part(problem, z)[WRIST, term] / 3.0
-    assert sure_ones(problem)[0].own_free[WRIST, term]
-    monkeypatch.setattr(concluding, "TUNING", replace(concluding.TUNING, matters=6.0))
-    assert not sure_ones(problem)[0].own_free[WRIST, term]
 
 
 def test_without_dry_friction_it_must_be_known_to_a_third() -> None:

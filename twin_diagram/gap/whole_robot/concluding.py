@@ -214,11 +214,8 @@ def corrected(given: Model, found: Sequence[Finding], marks: Sequence[str]) -> M
 
 
 def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
-    """Return the problem without joints' terms whose standard error is too large, its fit and covariance.
-
-    Offsets that left-out motion misses stay, as in `well_known`: without them other terms stand in for them.
-    """
-    z, own, missed = None, slice(10 * problem.n, 14 * problem.n), np.zeros_like(problem.own_free)
+    """Return the problem without joints' terms whose standard error is too large, its fit and covariance."""
+    z, own = None, slice(10 * problem.n, 14 * problem.n)
     while True:
         share = largest_share(problem, TUNING.third)
         z = solve(problem, None, z)
@@ -226,15 +223,11 @@ def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
         size = np.abs(z[own]).reshape(problem.n, len(OWN))
         error = np.sqrt(np.diag(spread)[own]).reshape(problem.n, len(OWN))
         held = z[own].reshape(size.shape) <= problem.least
-        doubtful = problem.own_free & ~(held & problem.stated) & ((error > share * size) | (size == 0.0)) & ~missed
+        doubtful = problem.own_free & ~(held & problem.stated) & ((error > share * size) | (size == 0.0))
         if not np.any(doubtful):
             return problem, z, spread
         worst = np.unravel_index(int(np.argmax(np.where(doubtful, error / np.maximum(size, 1e-12), 0.0))), size.shape)
-        fewer = decided(problem, z, (int(worst[0]), int(worst[1])))
-        if worst[1] == OWN.index("bias"):
-            missed[worst] = LeftOut.of(problem, z).score() - LeftOut.of(fewer, z).score() > TUNING.matters
-        if not missed[worst]:
-            problem = fewer
+        problem = decided(problem, z, (int(worst[0]), int(worst[1])))
 
 
 def decided(problem: RobotProblem, z: Array, term: tuple[int, int]) -> RobotProblem:
