@@ -1,4 +1,4 @@
-"""Damping beside dry friction: said where it is known well enough, and not where there is none."""
+"""Damping and rotors beside dry friction: said where they are known well enough, and not where there are none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,14 @@ import pytest
 from tests.gap.made import ARM, WRIST, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.findings import Estimate, Finding
-from twin_diagram.gap.whole_robot.beside_dry import DAMPING, DRY, damped, largest_share, own_part, told_beside_dry
+from twin_diagram.gap.whole_robot.beside_dry import (
+    DAMPING,
+    DRY,
+    damped,
+    largest_share,
+    own_part,
+    told_beside_dry,
+)
 from twin_diagram.gap.whole_robot.concluding import sure_ones
 from twin_diagram.gap.whole_robot.estimates import NAMES, covariance
 from twin_diagram.gap.whole_robot.explain import begun, settled
@@ -62,6 +69,29 @@ def test_where_there_is_none_none_is_said() -> None:
     assert damped(problem, z) is problem
 
 
+def lacking(name: str, key: str, size: float, *, dry: bool = True) -> tuple[RobotProblem, np.ndarray, int]:
+    """An arm with dry friction everywhere and one term more on its noisy wrist; which of `OWN` that is."""
+    more, term = effect(name, joints=[ARM.joints[WRIST]], **{key: [size]}), list(NAMES.values()).index((name, key))
+    records = noisy(ARM, ARM.with_effects([everywhere("coulomb_friction", torque=LEVEL), more]))
+    (made,) = records.records
+    torque = made.torque.copy()
+    torque[:, WRIST] += NOISE * np.random.default_rng(5).normal(size=len(torque))
+    problem, z = settled(begun(records, equations(replace(records, records=(replace(made, torque=torque),)))))
+    own = np.zeros_like(problem.own_free)
+    own[:, DRY], own[WRIST, DRY], own[WRIST, term] = True, dry, True
+    problem, z = settled(replace(problem, own_free=own), z)
+    return problem, z, term
+
+
+@pytest.mark.parametrize(("rotor", "dry", "said"), [(0.13, True, True), (0.13, False, False), (0.05, True, False)])
+def test_a_rotor_that_is_known_to_a_half_stands_beside_dry_friction(rotor: float, dry: bool, said: bool) -> None:
+    problem, z, term = lacking("reflected_inertia", "inertia", rotor, dry=dry)
+    value = own_part(problem, z)[WRIST, term]
+    error = np.sqrt(own_part(problem, np.diag(covariance(problem, z)))[WRIST, term])
+    assert value == pytest.approx(rotor, abs=2.0 * error) and error > value / 3.0
+    assert sure_ones(problem)[0].own_free[WRIST, term] == said
+
+
 def test_without_dry_friction_it_must_be_known_to_a_third() -> None:
     problem, _ = doubted(DAMPED)
     share = largest_share(replace(problem, own_free=problem.own_free & (np.arange(4) != DRY)), 0.3)
@@ -70,3 +100,4 @@ def test_without_dry_friction_it_must_be_known_to_a_third() -> None:
     assert told_beside_dry([rubs["viscous_friction"], rubs["coulomb_friction"]], 1.0) == set()
     firm = replace(rubs["coulomb_friction"], parameters={"torque": {"a": Estimate(1.0, 0.1, "")}})
     assert told_beside_dry([rubs["viscous_friction"], firm], 1.0) == {("viscous_friction", "a")}
+    assert told_beside_dry([rubs["reflected_inertia"], firm], 1.0) == {("reflected_inertia", "a")}

@@ -1,7 +1,8 @@
-"""Damping beside dry friction: said where that bends friction's curve less, though left-out motion hardly misses it.
+"""Damping and rotors beside dry friction: said where that is nearer the truth, though they are not known to a third.
 
-A drive that has dry friction has grease, too. Which of both is how much is told less well than their sum: to say that
-there is no damping where it is known to ± 60 % would bend friction's curve by more than that.
+A drive that has dry friction has grease and a rotor, too. To say that there is no damping where it is known to ± 60 %
+would bend friction's curve by more than that; and a description that lacks a drive's friction knows no better of its
+rotor, which links beside it would else stand in for.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
 from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.model.effects.friction import CoulombFriction, ViscousFriction
 from twin_diagram.model.effects.friction_stribeck_load import StribeckFriction
+from twin_diagram.model.effects.inertia import ReflectedInertia
 from twin_diagram.signals.arrays import Array
 
 
@@ -29,9 +31,9 @@ class Tuning:
     """Constants of this module, chosen by hand; `sims/benchmarks/gap_whole_robots.py` shows what they do."""
 
     most: float = 1.0 / np.sqrt(2.0)
-    """Share of damping up to which its standard error may be beside dry friction (Akaike 1974): where every drive has
-    some, its true square is what is found less the error's, and that is more than the error's own up to there. Leaving
-    it out would bend friction's curve by more."""
+    """Share of damping or a rotor up to which its standard error may be beside dry friction (Akaike 1974): where every
+    drive has some, its true square is what is found less the error's, and that is more than the error's own up to
+    there. Leaving it out would be off by more."""
 
     worse: float = 1.0
     """Fall of the joint's left-out log likelihood that is no reason against damping [nats]."""
@@ -39,7 +41,7 @@ class Tuning:
 
 TUNING = Tuning()
 
-DAMPING, DRY = OWN.index("viscous"), OWN.index("coulomb")
+DAMPING, DRY, ROTOR = OWN.index("viscous"), OWN.index("coulomb"), OWN.index("rotor")
 DRY_NAMES = (CoulombFriction.name, StribeckFriction.name)
 """Of which a joint has one, as dry friction changes with speed or does not."""
 
@@ -76,24 +78,25 @@ def largest_share(problem: RobotProblem, third: float) -> Array:
 
     Args:
         problem: with the terms that are said.
-        third: of all but damping beside dry friction.
+        third: of all but damping and rotors beside dry friction.
     """
     result = np.full((problem.n, len(OWN)), third)
     if not problem.sums.records.model.arm.link_side:
         result[problem.own_free[:, DRY] & ~problem.stated[:, DAMPING], DAMPING] = TUNING.most
+        result[problem.own_free[:, DRY], ROTOR] = TUNING.most
     return result
 
 
 def told_beside_dry(findings: Sequence[Finding], rough: float) -> set[tuple[str, str]]:
-    """Return name and joint of damping that is known well enough, on joints whose dry friction is known to a third.
+    """Return name and joint of damping or a rotor that is known well enough, where dry friction is known to a third.
 
     Args:
         findings: any.
         rough: times the most, and times a third, that count as one.
     """
     dry = {j for one in well_told(findings, rough) if one.name in DRY_NAMES for j in one.joints}
-    damping = [one for one in findings if one.name == ViscousFriction.name]
-    known = well_told(damping, rough * TUNING.most / WELL_TOLD.third)
+    beside = [one for one in findings if one.name in (ViscousFriction.name, ReflectedInertia.name)]
+    known = well_told(beside, rough * TUNING.most / WELL_TOLD.third)
     return {(one.name, joint) for one in known for joint in one.joints if joint in dry}
 
 
