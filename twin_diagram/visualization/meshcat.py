@@ -13,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
+from twin_diagram.visualization.packed_page import packed
 
 FRAME_RATE: Final = 30.0
 """Frames per second, live and recorded."""
@@ -64,7 +65,7 @@ class MeshcatScenes:
         """End the recording and writes a page that plays it in any browser, without a network."""
         self.meshcat.StopRecording()
         self.meshcat.PublishRecording()
-        return atomic_file.write(path, self.meshcat.StaticHtml())
+        return atomic_file.write(path, packed(self.meshcat.StaticHtml()))
 
 
 def add_meshcat(
