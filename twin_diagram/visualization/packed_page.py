@@ -1,4 +1,4 @@
-"""Makes a page of meshcat's smaller: what it shows is kept in it compressed, and taken in in the order in which it came.
+"""Makes a page of meshcat's smaller: its long messages are kept compressed, and all are taken in in their order.
 
 Meshcat writes each of its messages into the page as it was sent, meshes as text, once for each scene that shows them:
 a robot of 30 MB of meshes made a page of 130 MB, which a browser opens late or not at all. The page stays one file that
