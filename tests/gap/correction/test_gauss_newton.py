@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from twin_diagram.gap.correction.equation_error import TUNING, blocks
 from twin_diagram.gap.correction.gauss_newton import minimise
 
 Array = npt.NDArray[np.float64]
@@ -80,6 +81,14 @@ def scatter(pole: float, cluster: int, count: int = 400, runs: int = 150) -> Arr
 def test_claimed_errors_are_the_scatter_where_noise_is_white() -> None:
     """The larger of two estimates is a little large."""
     np.testing.assert_allclose(scatter(0.0, 1), 0.95, atol=0.1)
+
+
+def test_stretches_of_two_logs_are_never_one_whatever_their_clocks() -> None:
+    times = np.concatenate([np.arange(0.0, 4.0, 0.01), 100_000 * TUNING.cluster + np.arange(0.0, 4.0, 0.01)])
+    for owner in (np.repeat([0, 1], 400), np.repeat([1, 0], 400)):
+        found = blocks(times, owner)
+        assert not set(found[:400]) & set(found[400:])
+        assert len(np.unique(found[:400])) == np.ceil(4.0 / TUNING.cluster)
 
 
 def test_clusters_make_errors_honest_where_noise_hangs_together() -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.errors import ModelError
 from twin_diagram.gap.candidates.records import record_of
@@ -230,7 +231,7 @@ def equation_error(hypothesis: Hypothesis, records: Records, *, coloured: bool =
     terms = Terms(records, given_load(records), slow_speed(records))
     rate = records.reduce(lambda record: np.gradient(record.given, 1.0 / record.rate, axis=0))
     period = max(record.period for record in records.records)
-    block = (records.times / TUNING.cluster).astype(np.int64) + 100_000 * records.owner
+    block = blocks(records.times, records.owner)
     solution = None
     for _ in range(TUNING.colours):  # what a rough model leaves is no noise
         noise = whitening.estimate(left(start), records.lengths, len(start) / records.n, order=order)
@@ -254,6 +255,12 @@ def equation_error(hypothesis: Hypothesis, records: Records, *, coloured: bool =
             break
     assert solution is not None
     return solution
+
+
+def blocks(times: Array, owner: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return (D,) the number of each sample's stretch of its log, by times (D,) [s] and the log's number (D,)."""
+    each = np.stack([owner, (times / TUNING.cluster).astype(np.int64)], axis=1)
+    return np.asarray(np.unique(each, axis=0, return_inverse=True)[1].reshape(-1), dtype=np.int64)
 
 
 def _scanned(hypothesis: Hypothesis, start: Array, residual: Callable[[Array], Array]) -> Array:
