@@ -51,4 +51,8 @@ def test_the_true_object_is_shown_as_the_learned_one_lies(tmp_path: Path, monkey
     (cloud,) = scores.true_clouds(Scenario(), tmp_path).values()
     back = cloud.points @ turn.T + [0.004, 0.0, -0.003]
     assert np.abs(np.abs(back) / half).max(axis=1) == pytest.approx(1.0, abs=0.02), "on the box"
-    assert cloud.colours.shape == back.shape and 0.0 <= cloud.colours.min() < cloud.colours.max() <= 1.0
+    assert cloud.colours.shape == back.shape and 0.0 <= cloud.colours.min() <= cloud.colours.max() <= 1.0
+    outward, on = cloud.normals @ turn.T, np.abs(back) / half
+    sides = np.take_along_axis(outward * np.sign(back), on.argmax(axis=1)[:, None], axis=1)[:, 0]
+    clear = np.sort(on, axis=1)[:, 1] < 0.95
+    assert clear.mean() > 0.8 and sides[clear] == pytest.approx(1.0, abs=0.01), "each is lit as its side is"

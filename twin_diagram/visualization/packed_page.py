@@ -27,6 +27,7 @@ const take = (data, packed) => { takenIn = takenIn
     .then(res => res.arrayBuffer())
     .then(buffer => viewer.handle_command_bytearray(new Uint8Array(buffer))); };
 """
+"""Takes one message in after the other: of what comes compressed, none overtakes the one before."""
 
 
 def packed(page: str) -> str:

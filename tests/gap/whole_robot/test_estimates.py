@@ -37,7 +37,7 @@ def test_stretches_that_pull_apart_widen_what_torques_say_and_the_prior_stays_wh
     stretches = {"first": np.array([2.0]), "second": np.array([0.0])}
     problem: Any = SimpleNamespace(
         system=lambda z, sums: (np.array([[2.0]]), None),
-        pulls=lambda z, stretch: stretches[stretch],
+        pulls_each=lambda z, each: np.stack([stretches[stretch] for stretch in each]),
         sums=SimpleNamespace(whole=None, sums=list(stretches)),
         free=np.array([True]),
         precision=np.array([[1.0]]),
