@@ -133,12 +133,12 @@ def test_position_noise_as_inertial_torque_over_the_torques_own() -> None:
     np.testing.assert_allclose(record.shaken, wanted * (record.band / 12.0) ** 2, rtol=0.06)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.009])
-def test_white_noise_is_known_beside_a_few_outliers(share: float) -> None:
+@pytest.mark.parametrize(("share", "within"), [(0.0, 0.01), (0.009, 0.05)])
+def test_white_noise_is_known_beside_a_few_outliers(share: float, within: float) -> None:
     rng = np.random.default_rng(1)
     noise = 0.3 * rng.normal(size=(8000, 1))
     noise[rng.choice(8000, round(share * 8000 / 5), replace=False)] += 30.0
-    assert roughness(noise, 0.004)[0] == pytest.approx(0.3, rel=0.05)
+    assert roughness(noise, 0.004)[0] == pytest.approx(0.3, rel=within)
 
 
 @pytest.mark.parametrize(("rest", "counts"), [(0.09, True), (0.11, False)])
@@ -151,7 +151,7 @@ def test_a_rest_of_a_tenth_of_a_second_says_nothing_of_noise(rest: float, counts
     for k in range(0, 8000 - every, every):
         signal[k : k + 20, 0] = rng.normal(size=20)
     rough = np.abs(np.diff(signal[:, 0], 4)) / np.sqrt(70.0)
-    whole = np.sqrt(np.mean(np.sort(rough)[: int(0.99 * len(rough))] ** 2))
+    whole = np.sqrt(np.mean(np.sort(rough)[: int(0.99 * len(rough))] ** 2)) / 0.9617  # a Gauss without its last percent
     busy = roughness(signal, 1.0 / rate)[0]
     assert (busy == pytest.approx(whole, rel=0.02)) == counts
 

@@ -1,8 +1,9 @@
 """Experiments as motions that an arm can be asked to make, so that the next log tells two names apart.
 
 Nothing is known of what stands around the arm. A motion therefore stays within the box of angles that the measured
-runs visited, moves no faster and accelerates no harder than they did, and holds the joints that are not asked about at
-a pose that was visited. The straight way between two visited poses may still be blocked: look before it runs.
+runs visited, moves no faster and accelerates no harder than they did (a joint that crawled, or was only ever set down
+elsewhere, at twice `TUNING.slow`), and holds the joints that are not asked about at a pose that was visited. The
+straight way between two visited poses may still be blocked: look before it runs.
 """
 
 from __future__ import annotations

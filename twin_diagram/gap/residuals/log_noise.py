@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
+from scipy.special import erfinv
 
 from twin_diagram.logs import Log
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
@@ -109,10 +110,13 @@ def roughness(signal: Array, period: float) -> Array:
     rough = np.abs(np.diff(signal, 4, axis=0)) / np.sqrt(70.0)  # of white noise, the same variance
     told = (rough > 1e-9 * np.ptp(signal, axis=0)).astype(float)
     heard = uniform_filter1d(told, round(TUNING.spell / period) + 1, axis=0) > 0.0
+    kept = 1.0 - TUNING.outlying
+    edge = np.sqrt(2.0) * erfinv(kept)  # normal noise without what lies beyond has this share of its deviation:
+    less = np.sqrt(1.0 - 2.0 * edge * np.exp(-0.5 * edge**2) / np.sqrt(2.0 * np.pi) / kept)
     result = np.zeros(signal.shape[1])
     for j in range(signal.shape[1]):
         part = rough[heard[:, j], j]
         if len(part):
-            usual = part[part <= np.quantile(part, 1.0 - TUNING.outlying)]
-            result[j] = np.sqrt(np.mean(usual**2))
+            usual = part[part <= np.quantile(part, kept)]
+            result[j] = np.sqrt(np.mean(usual**2)) / less
     return result
