@@ -10,7 +10,9 @@ import pytest
 
 from tests.gap.made import ARM, WRIST, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
+from twin_diagram.gap.candidates.payload import payload
 from twin_diagram.gap.findings import Estimate, Finding
+from twin_diagram.gap.whole_robot import concluding
 from twin_diagram.gap.whole_robot.beside_dry import (
     DAMPING,
     DRY,
@@ -24,6 +26,7 @@ from twin_diagram.gap.whole_robot.estimates import NAMES, covariance
 from twin_diagram.gap.whole_robot.explain import begun, settled
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import equations
+from twin_diagram.gap.whole_robot.unusual import terms_of
 
 DAMPED, LEVEL, NOISE = 1.0, 6.0, 18.0
 
@@ -90,6 +93,21 @@ def test_a_rotor_that_is_known_to_a_half_stands_beside_dry_friction(rotor: float
     error = np.sqrt(own_part(problem, np.diag(covariance(problem, z)))[WRIST, term])
     assert value == pytest.approx(rotor, abs=2.0 * error) and error > value / 3.0
     assert sure_ones(problem)[0].own_free[WRIST, term] == said
+
+
+def test_an_offset_that_is_not_known_to_a_third_stays_where_left_out_motion_misses_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By four nats here; else a rotor, say, that is there would lose its place to what stands in for the offset."""
+    problem, z, term = lacking("torque_bias", "torque", 1.5)
+    error = np.sqrt(own_part(problem, np.diag(covariance(problem, z)))[WRIST, term])
+    assert error > own_part(problem, z)[WRIST, term] / 3.0
+    assert sure_ones(problem)[0].own_free[WRIST, term]
+    load = payload(terms_of(problem.sums, problem.sums.records.model))
+    carries = replace(problem, sums=problem.sums.with_further([load]))
+    assert not sure_ones(carries)[0].own_free[WRIST, term], "what it holds may be a load's weight"
+    monkeypatch.setattr(concluding, "TUNING", replace(concluding.TUNING, matters=6.0))
+    assert not sure_ones(problem)[0].own_free[WRIST, term]
 
 
 def test_without_dry_friction_it_must_be_known_to_a_third() -> None:

@@ -22,6 +22,7 @@ from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.gap.whole_robot.unusual import room_for, without_doubtful
 from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.model.effects.actuation import TorqueBias
+from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -214,8 +215,14 @@ def corrected(given: Model, found: Sequence[Finding], marks: Sequence[str]) -> M
 
 
 def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
-    """Return the problem without joints' terms whose standard error is too large, its fit and covariance."""
+    """Return the problem without joints' terms whose standard error is too large, its fit and covariance.
+
+    Offsets that left-out motion misses stay, as in `well_known`: without them other terms stand in for them. Beside a
+    payload they do not: what an offset holds may be the load's weight.
+    """
     z, own = None, slice(10 * problem.n, 14 * problem.n)
+    missed = np.zeros_like(problem.own_free)
+    loaded = any(candidate.name == Payload.name for candidate in problem.sums.further)
     while True:
         share = largest_share(problem, TUNING.third)
         z = solve(problem, None, z)
@@ -223,11 +230,15 @@ def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
         size = np.abs(z[own]).reshape(problem.n, len(OWN))
         error = np.sqrt(np.diag(spread)[own]).reshape(problem.n, len(OWN))
         held = z[own].reshape(size.shape) <= problem.least
-        doubtful = problem.own_free & ~(held & problem.stated) & ((error > share * size) | (size == 0.0))
+        doubtful = problem.own_free & ~(held & problem.stated) & ((error > share * size) | (size == 0.0)) & ~missed
         if not np.any(doubtful):
             return problem, z, spread
         worst = np.unravel_index(int(np.argmax(np.where(doubtful, error / np.maximum(size, 1e-12), 0.0))), size.shape)
-        problem = decided(problem, z, (int(worst[0]), int(worst[1])))
+        fewer = decided(problem, z, (int(worst[0]), int(worst[1])))
+        if worst[1] == OWN.index("bias") and not loaded:
+            missed[worst] = LeftOut.of(problem, z).score() - LeftOut.of(fewer, z).score() > TUNING.matters
+        if not missed[worst]:
+            problem = fewer
 
 
 def decided(problem: RobotProblem, z: Array, term: tuple[int, int]) -> RobotProblem:
