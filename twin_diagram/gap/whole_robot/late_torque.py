@@ -24,6 +24,7 @@ from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import TorqueEquations, low_passed
 from twin_diagram.gap.whole_robot.unusual import TUNING as UNUSUAL
 from twin_diagram.gap.whole_robot.unusual import terms_of
+from twin_diagram.model.dynamics.onsets import shifted as later_signal
 from twin_diagram.signals.arrays import Array
 
 
@@ -159,7 +160,7 @@ def shifted(sums: TorqueEquations, seconds: float, joints: Sequence[int] | None 
     columns, parts = sums.columns.copy(), []
     for record in sums.records.records:
         logged = record.torque[:, some]
-        before = np.stack([np.interp(record.time - seconds, record.time, torque) for torque in logged.T], axis=1)
+        before = later_signal(logged, record.time, -seconds)  # between samples, straight lines would take noise away
         parts.append(low_passed(before - logged, record)[record.kept])
     columns[:, some, -1] += np.concatenate(parts)
     return sums.with_columns(columns)
