@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from tests.gap.made import ARM, BAND, RATE, record, swing
-from twin_diagram.gap.correction.add_effects import chosen
+from twin_diagram.gap.correction.add_effects import chosen, may_be_surer
 from twin_diagram.gap.correction.equation_error import Hypothesis, _scanned, coarser, left_by
 from twin_diagram.gap.correction.gauss_newton import Solution
 from twin_diagram.gap.correction.output_error import _Shots, _whiteners
@@ -57,6 +57,15 @@ def test_estimates_that_disagree_do_not_speak_of_the_same(errors: float, alike: 
     apart = errors * np.sqrt(0.1**2 + (3.0 * 0.01) ** 2)
     vector, _, notes = estimates(apart, 0.1, 0.01)
     assert (vector[0] > 2.0) == alike and bool(notes) != alike
+
+
+@pytest.mark.parametrize(("moved", "may"), [(0.06, True), (0.07, False)])
+def test_simulated_motion_is_not_gone_on_with_where_it_cannot_be_the_surer(moved: float, may: bool) -> None:
+    """On the way its errors shrink to a half at most, and count three times. One effect's are enough."""
+    there = hypothesis(LEVEL, MASS)
+    torques = Solution(there.start(), np.diag([0.1**2, *[1.0] * 4]), 0.0)
+    assert may_be_surer(there, torques, np.diag([moved**2, *[1.0] * 4])) == may
+    assert may_be_surer(there, torques, np.diag([1.0, *[0.6**2] * 4]))
 
 
 def test_a_hypothesis_stacks_its_parts() -> None:

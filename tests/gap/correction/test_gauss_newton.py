@@ -36,6 +36,27 @@ def test_it_ends_where_the_cost_is_least() -> None:
     np.testing.assert_allclose(found.covariance, own * np.outer(ratio, ratio), rtol=0.03)
 
 
+@pytest.mark.parametrize("worth", [True, False])
+def test_where_more_is_not_worth_it_one_step_is_made(worth: bool) -> None:
+    """Told by the errors at the start; what is stepped to keeps them."""
+    asked: list[Array] = []
+    tried: list[Array] = []
+
+    def residual(p: Array) -> Array:
+        tried.append(p)
+        return np.asarray(curve(3.0 * np.exp(-0.7 * np.linspace(0.0, 2.0, 80)) + 0.1)(p))  # type: ignore[operator]
+
+    def told(covariance: Array) -> bool:
+        asked.append(covariance)
+        return worth
+
+    start = np.array([2.0, 0.5])
+    found = minimise(residual, start, STEPS, np.arange(80), FREE, worth=told)
+    assert len(asked) == 1 and np.all(np.diag(asked[0]) > 0.0)
+    assert (len(tried) == 4) == (not worth), "the start, both slopes, and where they lead"
+    assert (found.cost < 1e-3 + 0.5 * float(residual(start) @ residual(start))) and np.any(found.vector != start)
+
+
 def test_priors_count_like_further_residuals() -> None:
     rng = np.random.default_rng(1)
     X, y = rng.normal(size=(40, 2)), rng.normal(size=40)

@@ -16,6 +16,7 @@ from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.backlash_gaps import GAPS, Knocks
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.gear_proposals import propose
+from twin_diagram.model.dynamics.elastic_gears import Untwisted
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +42,16 @@ def bench_of(terms: Terms, torque: Array, names: frozenset[str] = frozenset()) -
     noise = Whitener(np.ones((6, 1)), np.full(6, NOISE), lengths)
     candidates = [c for c in all_candidates(terms) if c.name in names]
     return Bench(torque + NOISE * rng.normal(size=torque.shape), noise, candidates, [])
+
+
+def test_gears_tried_together_are_as_each_alone(terms: Terms) -> None:
+    """Stiff ones at finer steps; play at the logs' own."""
+    bare = {id(record): Untwisted() for record in terms.records.records}
+    springs = [GearShape("joint_elasticity", LIFT, (("stiffness", k), ("loss", 3e-3))) for k in (500.0, 900.0, 4e4)]
+    for shape in (*springs, *(GearShape("backlash", LIFT, (("gap", gap),)) for gap in (0.004, 0.025))):
+        both = gear(terms, shape, bare), gear(terms, shape)
+        assert both[0] is not None and both[1] is not None
+        np.testing.assert_array_equal(both[0].columns, both[1].columns)
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ from twin_diagram.model import effects
 from twin_diagram.model.dynamics import rigid_changes
 from twin_diagram.model.dynamics.backlash import TUNING as BACKLASH
 from twin_diagram.model.dynamics.backlash import _between, _Gears, _keep_within, play, play_alone
-from twin_diagram.model.dynamics.elastic_gears import _linear, _start, in_series
+from twin_diagram.model.dynamics.elastic_gears import _linear, _onward, _start, in_series
 from twin_diagram.model.dynamics.friction_impulses import DryFriction, Stop, solve
 from twin_diagram.model.dynamics.onsets import epochs, shifted
 from twin_diagram.model.effects.elasticity import Gear
@@ -45,6 +45,18 @@ def test_epochs_are_those_of_their_conditions() -> None:
     assert {key: np.flatnonzero(mask).tolist() for key, mask in found.items()} == expected
     ((none, mask),) = epochs([], time)
     assert none == () and mask.all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 9, 50])
+def test_steps_put_together_side_by_side_are_those_one_after_the_other(count: int) -> None:
+    steps = np.random.default_rng(count).normal(size=(count, 4, 5)) / 2.0
+    whole = _onward(steps)
+    state = np.eye(4, 5, 1)
+    np.testing.assert_array_equal(whole[0], state)
+    for k, step in enumerate(steps, start=1):
+        state = step[:, :4] @ state
+        state[:, 0] += step[:, 4]
+        np.testing.assert_allclose(whole[k], state, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(4))

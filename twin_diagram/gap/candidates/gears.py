@@ -6,7 +6,7 @@ gap when it knocks.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.residuals.log_noise import TUNING as LOG_NOISE
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.model.dynamics.elastic_gears import Untwisted
 from twin_diagram.model.effects import REGISTRY, Effect, make
 from twin_diagram.model.effects.elasticity import YieldingGear
 from twin_diagram.model.model import Model
@@ -46,10 +47,15 @@ class GearShape:
     values: tuple[tuple[str, float], ...]
 
 
-def gear(terms: Terms, shape: GearShape) -> Candidate | None:
+def gear(terms: Terms, shape: GearShape, bare: Mapping[int, Untwisted] | None = None) -> Candidate | None:
     """Return the candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia.
 
     None where the shape is not within what the effect allows, or its torque not finite.
+
+    Args:
+        terms: of the logs.
+        shape: of the gear.
+        bare: by the `id` of each record, where other shapes are tried on the same logs.
     """
     kinds = REGISTRY[shape.name].kinds
     if not all(kinds[key].lower <= value <= kinds[key].upper for key, value in shape.values):
@@ -61,8 +67,9 @@ def gear(terms: Terms, shape: GearShape) -> Candidate | None:
     rate = records.reduce(lambda r: r.a)[:, j]
 
     def law(record: Record) -> Array:
-        beyond = record.torque - record.given
-        return model.law.twist((records.angles(record), record.v, record.a), 1.0 / record.rate, beyond).torque
+        beyond, known = record.torque - record.given, bare[id(record)] if bare is not None else None
+        motion = records.angles(record), record.v, record.a
+        return model.law.twist(motion, 1.0 / record.rate, beyond, known).torque
 
     with np.errstate(all="ignore"):
         torque = records.reduce(law)

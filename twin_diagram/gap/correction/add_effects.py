@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -52,6 +53,9 @@ class Tuning:
     Measured torques drive the rollouts, and their noise with them: a light joint runs away, and what is fitted to it
     then is surer of itself than it should be.
     """
+
+    nearer: float = 2.0
+    """Times that errors of simulated motion may shrink on the way from the torques' estimate to its own."""
 
     sure: float = 3.0
     """Standard errors of simulated motion are this many times what the windows' scatter says.
@@ -140,7 +144,8 @@ def _added(records: Records, motions: Sequence[Motion], findings: Sequence[Findi
     if len(vector) <= TUNING.most_by_motion:
         say("refining by simulated motion")
         moved = hypothesis.at(torques.vector)
-        vector, covariance, notes = chosen(hypothesis, (torques, output_error(moved, motions)))
+        motion_told = output_error(moved, motions, partial(may_be_surer, hypothesis, torques))
+        vector, covariance, notes = chosen(hypothesis, (torques, motion_told))
     try:
         model = hypothesis.model(vector)
     except ModelError:
@@ -180,6 +185,14 @@ def _left(model: Model, motions: Sequence[Motion]) -> float:
     """Return the sum over joints of the logarithm of the residual torque of all runs, free of the joints' scales."""
     squares = np.mean([torque_residual_rms(model, smooth.log, smooth) ** 2 for smooth in motions], axis=0)
     return float(0.5 * np.sum(np.log(np.maximum(squares, 1e-24))))
+
+
+def may_be_surer(hypothesis: Hypothesis, torques: Solution, covariance: Array) -> bool:
+    """Return whether simulated motion, of a covariance (p, p) at the torques' estimate, may yet be the surer of any."""
+    near = np.square(TUNING.sure / TUNING.nearer) * covariance
+    return any(
+        np.linalg.slogdet(near[s, s])[1] < np.linalg.slogdet(torques.covariance[s, s])[1] for s in hypothesis.slices()
+    )
 
 
 def chosen(hypothesis: Hypothesis, solutions: Sequence[Solution]) -> tuple[Array, Array, list[str]]:

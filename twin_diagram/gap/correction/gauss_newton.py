@@ -54,6 +54,7 @@ def minimise(
     prior: tuple[Array, Array],
     shared: Array | None = None,
     rounds: int = TUNING.rounds,
+    worth: Callable[[Array], bool] | None = None,
 ) -> Solution:
     """Minimise half a sum of squares by Gauss-Newton with shorter steps where a whole one does not help.
 
@@ -65,12 +66,14 @@ def minimise(
         prior: mean and standard deviation (p,) of the coordinates, infinite where there is none.
         shared: (R, m) columns of nuisances that are linear and whitened likewise, each with a prior of deviation 1.
         rounds: at most.
+        worth: whether more than one step is, by the covariance (p, p) at the start; None: it is.
     """
     problem = _Problem.of(residual, steps, prior, len(clusters), shared)
     vector, r = start.copy(), residual(start)
     now = problem.cost(r, vector)
     J = problem.jacobian(vector, r)
-    for _ in range(rounds):
+    whole = worth is None or worth(problem.covariance(J, r, clusters))
+    for _ in range(rounds if whole else 1):
         step, scale = problem.step(J, r, vector)
         share = 1.0
         while share > TUNING.shortest_step:
@@ -82,7 +85,7 @@ def minimise(
         else:
             break
         vector, r, now = trial, r_trial, problem.cost(r_trial, trial)
-        if np.all(np.abs(share * step) * scale < TUNING.settled):
+        if not whole or np.all(np.abs(share * step) * scale < TUNING.settled):
             break
         J = problem.jacobian(vector, r)
     return Solution(vector, problem.covariance(J, r, clusters), now)

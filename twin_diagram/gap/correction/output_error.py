@@ -7,7 +7,7 @@ it needs no velocities and no smooth laws. Torque noise drives the rollouts, tho
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,12 +44,15 @@ class Tuning:
 TUNING = Tuning()
 
 
-def output_error(hypothesis: Hypothesis, motions: Sequence[Motion]) -> Solution:
+def output_error(
+    hypothesis: Hypothesis, motions: Sequence[Motion], worth: Callable[[Array], bool] | None = None
+) -> Solution:
     """Fit parameters to the logged positions; see the module.
 
     Args:
         hypothesis: with its rough values.
         motions: of the fitted logs.
+        worth: see `minimise`: each step takes as many rollouts as there are coordinates.
     """
     shots = [_Shots.of(smooth, len(motions)) for smooth in motions]
     start = hypothesis.start()
@@ -75,7 +78,8 @@ def output_error(hypothesis: Hypothesis, motions: Sequence[Motion]) -> Solution:
 
     windows = np.cumsum([0, *(len(part) for part in first)])
     clusters = [np.repeat(np.arange(len(e)) + k, e[0].size) for e, k in zip(first, windows[:-1], strict=True)]
-    return minimise(residual, start, hypothesis.steps(), np.concatenate(clusters), hypothesis.prior(), rounds=4)
+    whole, prior = np.concatenate(clusters), hypothesis.prior()
+    return minimise(residual, start, hypothesis.steps(), whole, prior, rounds=4, worth=worth)
 
 
 def _whiteners(errors: Array) -> Array:

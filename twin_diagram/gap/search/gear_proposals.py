@@ -20,6 +20,7 @@ from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.scoring import basis, score_candidate
+from twin_diagram.model.dynamics.elastic_gears import Untwisted
 from twin_diagram.model.effects.elasticity import Backlash, JointElasticity
 from twin_diagram.model.effects.inertia import ReflectedInertia
 
@@ -107,10 +108,11 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
         rests = _rests(bench, members, j)
         bases = [basis(bench, rest) for rest in rests]
         projected = [np.einsum("jrk,jr->k", Q, bench.y) for Q in bases]
+        bare = {id(record): Untwisted() for record in terms.records.records}  # of one joint: long logs take space
         crowded: dict[str, tuple[float, Candidate]] = {}
         best: dict[tuple[str, Members], tuple[float, Candidate]] = {}
         for shape in shapes:
-            candidate = gear(terms, shape)
+            candidate = gear(terms, shape, bare)
             if candidate is None:
                 continue
             score = score_candidate(bench, candidate, bases[0], projected[0]) - candidate.cost

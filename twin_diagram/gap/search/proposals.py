@@ -281,7 +281,7 @@ def spans() -> npt.NDArray[np.int64]:
 
 def _scores(G: Array, C: Array, b: Array, spread: Array, projected: Array) -> Array:
     """Rises of the evidence (B,), for sums over spans of time."""
-    rest = np.einsum("bki,bkj->bij", C, C)
+    rest = C.transpose(0, 2, 1) @ C
     return increments(G - rest, b - np.einsum("bki,k->bi", C, projected), np.broadcast_to(spread, b.shape))
 
 

@@ -97,19 +97,19 @@ class RobotProblem:
         """Number of joints."""
         return self.sums.n
 
-    @property
+    @cached_property
     def free(self) -> Chosen:
         """(Z,) which coordinates may move."""
         return np.concatenate([np.repeat(self.links_free, 10), self.own_free.ravel(), ~self._still])
 
-    @property
+    @cached_property
     def mean(self) -> Array:
         """(Z,) of the description, without what is gone."""
         own = np.where(self.gone, self.least, 0.0)
         further = np.zeros(len(self._still)) if self.held is None else self.held[14 * self.n :] * self._still
         return np.concatenate([self.links.mean.ravel(), own.ravel(), further])
 
-    @property
+    @cached_property
     def _still(self) -> Chosen:
         """(E,) which coefficients of further candidates are held."""
         sizes = [c.size for c in self.sums.further]
@@ -126,7 +126,7 @@ class RobotProblem:
         """(n, 4) which of joints' own terms differ from the description."""
         return self.own_free | self.gone
 
-    @property
+    @cached_property
     def deviation(self) -> Array:
         """(Z,) of the prior: of links, what the spread alone allows."""
         size = np.maximum(self.sums.own_size, 1e-9)
@@ -143,7 +143,7 @@ class RobotProblem:
             result[:links, :links] = np.linalg.inv(self.told + np.diag(deviation[:links] ** 2))
         return result
 
-    @property
+    @cached_property
     def lower(self) -> Array:
         """(Z,) bounds."""
         further = [c.lower for c in self.sums.further]
@@ -233,17 +233,17 @@ def solve(problem: RobotProblem, total: Array | None = None, start: Array | None
     """
     total = problem.sums.whole if total is None else total
     z = problem.mean if start is None else np.where(problem.free, start, problem.mean)
-    deviation = problem.deviation
+    deviation, cost = problem.deviation, problem.cost(z, total)
     for _ in range(TUNING.rounds):
         H, gradient = problem.system(z, total)
         step = bounded(H, gradient, problem.lower - z, problem.free)
         long = float(np.max(np.abs(step[: 10 * problem.n]) / problem.links.scale.ravel(), initial=0.0))
         step = step * min(1.0, TUNING.longest / max(long, 1e-12))
-        cost = problem.cost(z, total)
-        halved = 0
-        while problem.cost(z + step, total) > cost and halved < TUNING.halvings:
+        halved, after = 0, problem.cost(z + step, total)
+        while after > cost and halved < TUNING.halvings:
             step, halved = 0.5 * step, halved + 1
-        z = z + step
+            after = problem.cost(z + step, total)
+        z, cost = z + step, after
         if np.max(np.abs(step) / deviation) < TUNING.settled:
             break
     return z

@@ -76,6 +76,23 @@ class Twist:
     torque: Array
 
 
+class Untwisted:
+    """What links need along one motion while no gear has twisted: the same whatever a gear's stiffness, loss and gap.
+
+    One serves one motion, and an arm that differs in its yielding gears alone; it remembers what was worked out.
+    """
+
+    def __init__(self) -> None:
+        """Start with nothing."""
+        self._known: dict[tuple[object, ...], tuple[Array, ...]] = {}
+
+    def once(self, key: tuple[object, ...], work: Callable[[], tuple[Array, ...]]) -> tuple[Array, ...]:
+        """Return what `work` does, of a key's first call; not to be changed."""
+        if key not in self._known:
+            self._known[key] = work()
+        return self._known[key]
+
+
 @dataclass(frozen=True)
 class YieldingJoints:
     """Joints whose gears yield, and how.
@@ -122,6 +139,7 @@ def twist(
     motion: tuple[Array, Array, Array],
     period: float,
     beyond: Array | None = None,
+    bare: Untwisted | None = None,
 ) -> Twist:
     """Work out the twists for a motion sampled at a constant rate.
 
@@ -133,22 +151,22 @@ def twist(
         period: between samples [s].
         beyond: (N, n) what the motors gave beyond the rigid arm's torque, as measured [N·m]: it tells how the gears
             swung when the motion began, which the motors' motion does not. None: they begin with the least swing.
+        bare: of the same motion, where other gears are tried on it, too.
     """
     q, v, a = motion
     joints, stiffness, half = gears.joints, gears.stiffness, gears.half
+    bare = bare or Untwisted()
     calm = np.isfinite(stiffness) & (half == 0.0)
     begin = np.full((2, len(joints)), np.nan)
     if np.any(calm):
-        alone = _coarsely(tree, link_load, gears.chosen(calm), motion, period, beyond)
+        alone = _coarsely(tree, link_load, gears.chosen(calm), motion, period, beyond, bare)
         if np.all(calm):
             return alone
         # Springs that begin at rest would ring for as long as they are damped.
         begin[:, calm] = alone.angle[0], alone.rate[0]
-    mass = tree.mass_matrix(q)
-    mass[:, range(tree.n), range(tree.n)] -= tree.rotor
-    columns = mass[:, :, joints]
+    columns, rigid = bare.once((*joints, "play"), lambda: (_links_mass(tree, q)[:, :, joints], link_load(q, v, a)))
     block = columns[:, joints]
-    rigid = load = link_load(q, v, a)
+    load = rigid
     slope = np.zeros_like(columns)
     angle = np.zeros((len(q), len(joints)))
 
@@ -176,6 +194,7 @@ def _coarsely(
     motion: tuple[Array, Array, Array],
     period: float,
     beyond: Array | None,
+    bare: Untwisted,
 ) -> Twist:
     """Springs at no finer steps than their swing needs: a smooth motion at 1 kHz is the same at 250 Hz."""
     q, v, a = motion
@@ -185,10 +204,10 @@ def _coarsely(
     fastest = float(np.max(np.sqrt(stiffness / np.maximum(np.min(links, axis=0), 1e-6))))
     stride = int(min(TUNING.coarsest, TUNING.fine / fastest) / period + 1e-6)
     if stride < 2 or len(q) < 50 * stride:
-        return _springs(tree, link_load, springs, motion, period, beyond)
+        return _springs(tree, link_load, springs, motion, period, beyond, bare)
     index = np.arange(0, len(q), stride)
     thin = None if beyond is None else beyond[index]
-    found = _springs(tree, link_load, springs, (q[index], v[index], a[index]), stride * period, thin)
+    found = _springs(tree, link_load, springs, (q[index], v[index], a[index]), stride * period, thin, bare)
     rows = np.arange(len(q))
     whole = (scipy.interpolate.CubicSpline(index, signal)(rows) for signal in (found.angle, found.rate, found.torque))
     return Twist(*whole)
@@ -201,6 +220,7 @@ def _springs(
     motion: tuple[Array, Array, Array],
     h: float,
     beyond: Array | None,
+    bare: Untwisted,
 ) -> Twist:
     """Newton's method on the whole motion: the links' load is linearised about the twists of the pass before.
 
@@ -212,7 +232,8 @@ def _springs(
     joints, stiffness, loss = springs.joints, springs.stiffness, springs.loss
     s = len(joints)
     diagonal = np.arange(s)
-    rigid = link_load(q, v, a)
+    key = (*joints, len(q))
+    (rigid,) = bare.once((*key, "load"), lambda: (link_load(q, v, a),))
     angle: Array
     rate: Array
     acceleration: Array
@@ -224,15 +245,16 @@ def _springs(
             signal[:, joints] += more
         return link_load(*moved)
 
+    def linearised(load: Array) -> tuple[Array, Array, Array]:
+        twisted = q.copy()
+        twisted[:, joints] += angle
+        M = _links_mass(tree, twisted)[:, :, joints]
+        return M, *_derivatives(link, load, (angle, rate, acceleration), np.empty_like(M))
+
     load = rigid
     for number in range(TUNING.spring_passes):
         if number < TUNING.linearised:
-            twisted = q.copy()
-            twisted[:, joints] += angle
-            M = tree.mass_matrix(twisted)
-            M[:, range(tree.n), range(tree.n)] -= tree.rotor
-            M = M[:, :, joints]
-            G, C = _derivatives(link, load, (angle, rate, acceleration), np.empty_like(M))
+            M, G, C = linearised(load) if number else bare.once((*key, "slopes"), lambda: linearised(rigid))
             whole = G[:, joints].copy(), C[:, joints].copy()
             whole[0][:, diagonal, diagonal] += stiffness
             whole[1][:, diagonal, diagonal] += loss * stiffness
@@ -250,6 +272,13 @@ def _springs(
         if np.linalg.norm(load - foreseen) < TUNING.settled * np.linalg.norm(load - rigid):
             break
     return Twist(angle, rate, load - rigid)
+
+
+def _links_mass(tree: RigidTree, q: Array) -> Array:
+    """Return mass matrices (N, n, n) without rotors."""
+    mass = tree.mass_matrix(q)
+    mass[:, range(tree.n), range(tree.n)] -= tree.rotor
+    return mass
 
 
 def _derivatives(link: LinkLoad, load: Array, twist: tuple[Array, Array, Array], like: Array) -> tuple[Array, Array]:
@@ -285,15 +314,33 @@ def _linear(M: Array, D: Array, K: Array, force: Array, h: float) -> Array:
     Z[:, 2 * s + 1, 2 * s] = 1.0
     square = Z @ Z / 12.0
     onward: Any = np.linalg.solve(np.eye(m) - 0.5 * Z + square, np.eye(m) + 0.5 * Z + square)
-    Phi, driven = onward[:, : 2 * s, : 2 * s], onward[:, : 2 * s, 2 * s]
-    state = np.zeros((samples, 2 * s, 1 + 2 * s))
-    state[0, :, 1:] = np.eye(2 * s)
-    for k in range(1, samples):
-        np.matmul(Phi[k - 1], state[k - 1], out=state[k])
-        state[k, :, 0] += driven[k - 1]
+    state = _onward(onward[:, : 2 * s, : 2 * s + 1])
     acceleration = np.matmul(A[:, s:], state)
     acceleration[:, :, 0] += b[:, s:]
     return np.concatenate([state, acceleration], axis=1)
+
+
+def _onward(steps: Array) -> Array:
+    """Return (N, m, 1 + m) where x ↦ Φ x + d leads, step by step: from rest, and freely from each unit of the start.
+
+    Steps of stretches of a square root of their number are put together side by side, then stretch after stretch.
+
+    Args:
+        steps: (N − 1, m, m + 1) each with Φ and then d.
+    """
+    count, m = len(steps), steps.shape[1]
+    length = max(1, int(np.sqrt(count)))
+    stretches = -(-count // length)
+    whole = np.zeros((stretches * length, m + 1, m + 1))
+    whole[:, range(m + 1), range(m + 1)] = 1.0
+    whole[:count, :m] = steps
+    along = whole.reshape(stretches, length, m + 1, m + 1)
+    for k in range(1, length):
+        along[:, k] = along[:, k] @ along[:, k - 1]
+    for k in range(1, stretches):
+        along[k] = along[k] @ along[k - 1, -1]
+    result = np.concatenate([np.eye(m, m + 1)[None], whole[:count, :m]])
+    return np.roll(result, 1, axis=2)
 
 
 def _start(states: Array, torque: Array, calm: Array, beyond: Array | None) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.model.dynamics.elastic_gears import Twist, YieldingJoints, in_series, twist
+from twin_diagram.model.dynamics.elastic_gears import Twist, Untwisted, YieldingJoints, in_series, twist
 from twin_diagram.model.dynamics.onsets import shifted
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.elasticity import YieldingGear
@@ -108,9 +108,15 @@ class TorqueLaw:
                 total = total + effect.torque(self.bodies, q, v, a, total)
         return total
 
-    def twist(self, motion: tuple[Array, Array, Array], period: float, beyond: Array | None = None) -> Twist:
+    def twist(
+        self,
+        motion: tuple[Array, Array, Array],
+        period: float,
+        beyond: Array | None = None,
+        bare: Untwisted | None = None,
+    ) -> Twist:
         """Work out how the yielding gears twist; arguments as of `elastic_gears.twist`, at true positions."""
-        return twist(self.bodies.tree, self.link_load, self.yielding, motion, period, beyond)
+        return twist(self.bodies.tree, self.link_load, self.yielding, motion, period, beyond, bare)
 
     def mass_and_load(self, q: Array, v: Array, tau: Array, *, dry: bool = True) -> tuple[Array, Array]:
         """Return mass matrices (N, n, n) and loads without acceleration (N, n), for integrators.
