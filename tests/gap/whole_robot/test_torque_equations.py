@@ -28,6 +28,8 @@ def test_sums_say_what_a_difference_leaves() -> None:
     squares = np.einsum("jk,sjkl,jl->j", full, sums.sums, full)
     np.testing.assert_allclose(np.sum(sums.left(difference) ** 2, axis=0), squares, rtol=1e-9)
     np.testing.assert_allclose(np.sum(sums.counts, axis=0), np.sum(sums.weights, axis=0))
+    kinds = np.stack([np.sum(sums.sums[sums.fold == kind], axis=0) for kind in sums.kinds])
+    np.testing.assert_allclose(sums.of_kinds, kinds, atol=1e-12 * np.max(kinds))
 
 
 @pytest.mark.parametrize(("moves", "kept"), [(0.25, 0.0), (0.05, 1.0)])

@@ -118,7 +118,7 @@ def with_shapes(sums: TorqueEquations, shapes: Sequence[DryShape]) -> TorqueEqua
         column = np.concatenate([low_passed(law(r, j, s, shape), r)[r.kept] for r, s in parts])
         columns[:, j, -1] -= sums.stated_dry[j] * (column - columns[:, j, at])
         columns[:, j, at] = column
-    return replace(sums.with_columns(columns), shapes=tuple(shapes))
+    return replace(sums, columns=columns, shapes=tuple(shapes))
 
 
 def law(record: Record, j: int, sign: Array, shape: DryShape) -> Array:

@@ -90,7 +90,6 @@ class TorqueEquations:
     the `further` candidates, 0 on joints that they do not touch; column K is the residual itself.
 
     Attributes:
-        sums: (S, n, K + 1, K + 1) squares and products per stretch and joint.
         counts: (S, n) samples that count.
         fold: (S,) which kind of motion a stretch is of.
         columns: (N, n, K + 1) of the kept samples, for what is left in time.
@@ -106,7 +105,6 @@ class TorqueEquations:
         tilt: of the base, on which links weigh: roll and pitch [rad].
     """
 
-    sums: Array
     counts: Array
     fold: npt.NDArray[np.int64]
     columns: Array
@@ -124,7 +122,12 @@ class TorqueEquations:
     @property
     def n(self) -> int:
         """Number of joints."""
-        return int(self.sums.shape[1])
+        return int(self.columns.shape[1])
+
+    @cached_property
+    def sums(self) -> Array:
+        """(S, n, K + 1, K + 1) squares and products per stretch and joint."""
+        return summed(self.columns, self.weights, self.stretch)
 
     @cached_property
     def residual_rms(self) -> Array:
@@ -139,7 +142,8 @@ class TorqueEquations:
     @cached_property
     def of_kinds(self) -> Array:
         """(F, n, K + 1, K + 1) sums over each kind of motion."""
-        return np.stack([np.sum(self.sums[self.fold == kind], axis=0) for kind in self.kinds])
+        at = np.searchsorted(self.kinds, self.fold).astype(np.int64)
+        return summed(self.columns, self.weights, at[self.stretch])
 
     @cached_property
     def whole(self) -> Array:
@@ -163,7 +167,7 @@ class TorqueEquations:
         same = self.on_base((0.0, 0.0)) if level else self
         before = same.columns[:, :, : 10 * self.n + len(OWN)]
         columns = np.concatenate([before, *map(self.spread_out, further), self.columns[:, :, -1:]], axis=2)
-        return replace(same, columns=columns, sums=summed(columns, self.weights, self.stretch), further=tuple(further))
+        return replace(same, columns=columns, further=tuple(further))
 
     def on_base(self, tilt: tuple[float, float]) -> TorqueEquations:
         """Return the same with what links weigh on a base of some roll and pitch [rad].
@@ -179,17 +183,13 @@ class TorqueEquations:
         parts = zip(self.records.records, resting, strict=True)
         weight = [_of_links(self.records, r, aside, still, still) for r, still in parts]
         columns[:, :, : 10 * self.n] += np.concatenate(weight)
-        return replace(self.with_columns(columns), tilt=tilt)
-
-    def with_columns(self, columns: Array) -> TorqueEquations:
-        """Return the same of other columns (N, n, K + 1)."""
-        return replace(self, columns=columns, sums=summed(columns, self.weights, self.stretch))
+        return replace(self, columns=columns, tilt=tilt)
 
     def weighted(self, weights: Array) -> TorqueEquations:
         """Return the same with other weights (N, n) of samples."""
         count = int(self.stretch[-1]) + 1
         counts = np.stack([np.sum(weights[self.stretch == s], axis=0) for s in range(count)])
-        return replace(self, weights=weights, counts=counts, sums=summed(self.columns, weights, self.stretch))
+        return replace(self, weights=weights, counts=counts)
 
     def spread_out(self, candidate: Candidate) -> Array:
         """Return (N, n, k) columns of a candidate on all joints."""
@@ -228,9 +228,7 @@ def equations(records: Records) -> TorqueEquations:
     count = int(stretch[-1]) + 1
     counts = np.stack([np.sum(weights[stretch == s], axis=0) for s in range(count)])
     features = np.stack([np.mean(motion[stretch == s], axis=0) for s in range(count)])
-    sums = summed(columns, weights, stretch)
     return TorqueEquations(
-        sums=sums,
         counts=counts,
         fold=kinds_of_motion(features),
         columns=columns,
@@ -245,13 +243,15 @@ def equations(records: Records) -> TorqueEquations:
     )
 
 
-def summed(columns: Array, weights: Array, stretch: npt.NDArray[np.int64]) -> Array:
-    """Return (S, n, K, K) weighted squares and products of columns (N, n, K) over each stretch."""
-    result = []
-    for s in range(int(stretch[-1]) + 1):
-        some = columns[stretch == s].transpose(1, 2, 0)
-        result.append((some * weights[stretch == s].T[:, None]) @ some.transpose(0, 2, 1))
-    return np.stack(result)
+def summed(columns: Array, weights: Array, group: npt.NDArray[np.int64]) -> Array:
+    """Return (G, n, K, K) weighted squares and products of columns (N, n, K) over each of groups (N,), from 0."""
+    count = int(np.max(group)) + 1
+    result = np.empty((count, columns.shape[1], columns.shape[2], columns.shape[2]))
+    for one in range(count):
+        here = group == one
+        some = columns[here].transpose(1, 2, 0)
+        np.matmul(some * weights[here].T[:, None], some.transpose(0, 2, 1), out=result[one])
+    return result
 
 
 def _columns(records: Records, record: Record, sign: Array) -> Array:
