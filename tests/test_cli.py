@@ -24,7 +24,8 @@ from twin_diagram.model.model import Model
 from twin_diagram.model.prediction import load_model_for, rollout_rms, torque_residual_rms
 from twin_diagram.runs.score import table
 from twin_diagram.runtime import atomic_file, output_place
-from twin_diagram.scenario.file import dump_scenario, load_scenario
+from twin_diagram.scenario import Scenario
+from twin_diagram.scenario.file import dump_scenario, load_scenario, override_scenario
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.compile_notice import SAID
 
@@ -447,6 +448,14 @@ def test_packages_that_cannot_be_are_named(
     assert cli.main(["predict", "--model", "m.urdf", "--log", log, "--out", str(out), "--packages", given]) == 2
     assert f"--packages {given}" in capfd.readouterr().err
     assert not out.exists()
+
+
+def test_a_packages_folder_is_no_yaml(tmp_path: Path) -> None:
+    """Of a folder called `arm #2: new` a scenario was told `arm`."""
+    folder = tmp_path / "arm #2: new"
+    folder.mkdir()
+    arguments = cli._parser().parse_args(["run", "tabletop", "--packages", f"own_arm={folder}"])
+    assert override_scenario(Scenario(), cli._overrides(arguments)).packages == {"own_arm": str(folder.resolve())}
 
 
 def test_a_package_is_found_where_the_flag_says_and_asked_for_by_both_its_names(

@@ -274,6 +274,19 @@ def test_the_script_says_whether_an_aim_is_missed(tmp_path: Path, capsys: pytest
 
 # The project's own tree.
 
+TOP_LEVEL = {
+    "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md", "pyproject.toml",
+    "docs", "models", "sims", "tests", "twin_diagram",
+}  # fmt: skip
+"""What the tracked top level holds besides dot files; all else slipped in."""
+
+
+@pytest.mark.skipif(not (CHECKOUT / ".git").exists(), reason="only a clone tells what is tracked")
+def test_the_top_level_holds_nothing_else() -> None:
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=CHECKOUT, capture_output=True, text=True, check=True)
+    top = {name.split("/")[0] for name in listed.stdout.split("\0") if name}
+    assert {name for name in top if not name.startswith(".")} == TOP_LEVEL
+
 
 @pytest.fixture(scope="module")
 def project() -> dict[str, house.Measure]:

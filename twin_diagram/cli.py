@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import json
 import logging
 import os
 import sys
@@ -267,7 +268,8 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
     named = [
         f"{name}={getattr(arguments, name)}" for name in ("seed", "duration") if getattr(arguments, name) is not None
     ]
-    packages = [f"packages.{name}={folder}" for name, folder in _packages(arguments).items()]
+    # In quotes: to YAML ` #` begins a comment and `: ` a mapping.
+    packages = [f"packages.{name}={json.dumps(str(folder))}" for name, folder in _packages(arguments).items()]
     return [*packages, *arguments.set, *named]
 
 

@@ -311,9 +311,11 @@ def test_ghosts_are_blue_and_fixtures_hidden() -> None:
         assert colour.b() == OBJECT_COLOUR.b() and 0 < colour.a() < 1
 
 
-def test_a_mesh_with_names_in_another_encoding_becomes_a_ghost_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize("vertex", ["v ", "v\t", "  v "])
+def test_a_mesh_with_names_in_another_encoding_becomes_a_ghost_too(vertex: str, tmp_path: Path) -> None:
     file = tmp_path / "link.obj"
-    file.write_bytes("# Gehäuse\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n".encode("latin-1"))
+    text = "# Gehäuse\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n"
+    file.write_bytes(text.replace("v ", vertex).encode("latin-1"))
     contents = _swollen_mesh(file, np.ones(3)).source().in_memory().mesh_file.contents()
     assert b"v -0.0015 -0.0015 -0.0015" in contents and b"f 1 2 4" in contents
 

@@ -65,6 +65,8 @@ def replay_scenario(
             raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
         if columns is not None:
             raise TwinError(f"--columns goes with a bare log; {log} is a recording and names its own")
+        if joints:
+            raise TwinError(f"--joints goes with a bare log; {log} is a recording and names its own")
         if constants:
             raise TwinError(f"--torque-constants goes with a bare log; {log} is a recording and holds torques")
         scenario = load_scenario(place / SCENARIO_FILE)

@@ -33,8 +33,9 @@ class Tuning:
     exact: float = 1e-10
     """Where it ends, in normalised coordinates: 1e-7 px."""
 
-    step: float = 0.015
-    """A step in depth between neighbours, as a share of the depth, that leads from one surface to another."""
+    step: float = 0.02
+    """A step in depth between neighbours, as a share of the depth, that leads from one surface to another: a surface
+    that leans by 80° makes less where a focal length is 300 px and more."""
 
     folded: float = 0.05
     """Least determinant of the map's derivative: below it an image folds over itself, and no lens does that."""
@@ -165,8 +166,8 @@ def straightening(lens: Lens) -> tuple[Map, Map]:
 def depth_between(depth: Map, u: Map, v: Map) -> Map:
     """Return the depth at places between an image's pixels: that of the surface there, never between two.
 
-    On a plane the inverse of depth is linear in the image, so that is interpolated; where what comes out differs from
-    the nearest pixel's by a step, the nearest pixel's counts.
+    On a plane the inverse of depth is linear in the image, so that is interpolated; where there is a step among the
+    four pixels about a place, or one of them has no depth, the nearest pixel's counts.
 
     Args:
         depth: (H, W) [m], 0 or infinite where there is none.
@@ -179,6 +180,13 @@ def depth_between(depth: Map, u: Map, v: Map) -> Map:
     nearest = cv2.remap(depth, u, v, cv2.INTER_NEAREST)
     known = np.isfinite(depth) & (depth > 0)
     inverse = np.where(known, np.float32(1.0) / np.where(known, depth, np.float32(1.0)), np.float32(0.0))
-    found = np.float32(1.0) / np.maximum(cv2.remap(inverse, u, v, cv2.INTER_LINEAR), np.float32(1e-6))
-    with np.errstate(invalid="ignore"):
-        return np.where(np.abs(found - nearest) < np.float32(TUNING.step) * nearest, found, nearest)
+    found = cv2.remap(inverse, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    # Of each pixel with its neighbours to the right, below, and both.
+    most, least = (filter_(inverse, _FOUR, anchor=(0, 0)) for filter_ in (cv2.dilate, cv2.erode))
+    even = (most - least < np.float32(TUNING.step) * most).view(np.uint8)
+    here = cv2.remap(even, np.floor(u), np.floor(v), cv2.INTER_NEAREST) > 0
+    return np.where(here, np.float32(1.0) / np.where(here, found, np.float32(1.0)), nearest)
+
+
+_FOUR = np.ones((2, 2), np.uint8)
+"""The pixels about a place between them."""

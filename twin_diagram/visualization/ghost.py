@@ -104,14 +104,15 @@ def _swollen(shape: Shape) -> Shape:
 
 def _swollen_mesh(path: Path, scale: Array) -> Mesh:
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()  # names may be in any encoding
-    vertices = np.array([line.split()[1:4] for line in lines if line.startswith("v ")], dtype=float)
+    is_vertex = [line.split(None, 1)[:1] == ["v"] for line in lines]  # with a tab after it, or blanks before, as well
+    vertices = np.array([line.split()[1:4] for line, own in zip(lines, is_vertex, strict=True) if own], dtype=float)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     # About its middle, so that it stays where it is.
     grown = 1.0 + 2 * SWELL / np.maximum(np.abs(scale) * (high - low), SWELL)
     moved = iter((vertices - (low + high) / 2) * grown + (low + high) / 2)
     kept = [
-        "v " + " ".join(f"{x:.6g}" for x in next(moved)) if line.startswith("v ") else line
-        for line in lines
+        "v " + " ".join(f"{x:.6g}" for x in next(moved)) if own else line
+        for line, own in zip(lines, is_vertex, strict=True)
         if not line.lstrip().startswith(("mtllib", "usemtl"))
     ]
     file = MemoryFile(contents="\n".join(kept) + "\n", extension=".obj", filename_hint=path.name)

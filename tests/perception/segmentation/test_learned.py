@@ -76,6 +76,7 @@ def test_doubtful_pixels_small_things_and_the_robot_are_left_out() -> None:
     [
         ((np.zeros((22, 30), int), 1.0), "shape"),
         ((np.zeros((44, 60)), 1.0), "integers"),
+        ((np.full((44, 60), 2**31, np.uint32), 1.0), "2147483648"),  # a hash: it had become -2147483648, no thing
         ((np.zeros((44, 60), int), 1.5), "0 to 1"),
         ((np.zeros((44, 60), int), np.nan), "0 to 1"),
         ((np.zeros((44, 60), int), np.zeros((3, 2))), "confidences of shape"),

@@ -349,11 +349,12 @@ def test_the_command_hands_on_what_it_is_told(three: Path, monkeypatch: pytest.M
     monkeypatch.setattr(work, "_run", run)
     monkeypatch.chdir(three.parent)
     (three.parent / "meshes").mkdir()
-    given = ["--timeout", "7", "--columns", "libfranka", "--packages", "robot=meshes"]
+    given = ["--timeout", "7", "--columns", "libfranka", "--packages", "robot=meshes", "--joints", "left_1", "left_2"]
     assert main(["gap", "--fleet", str(three), "--out", "out", *given]) == 0 and len(told) == 3
     for command, timeout in told:
         text = " ".join(command)
         assert timeout == 7.0 and f"--columns libfranka --packages robot={three.parent / 'meshes'} --fit" in text
+        assert "--joints left_1 left_2 --" in text  # all joints of a robot of two arms were asked about
     assert main(["gap", "--fleet", str(three), "--out", "out"]) == 0 and told[-1][1] == 3600.0
 
 

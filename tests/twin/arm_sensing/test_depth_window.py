@@ -63,11 +63,13 @@ def test_all_of_a_ball_lies_in_its_window() -> None:
     rng = np.random.default_rng(2011)
     on = rng.normal(size=(3000, 3))
     on /= np.linalg.norm(on, axis=1, keepdims=True)
-    for _ in range(20):
-        middle, radius = rng.uniform([-0.4, -0.3, 0.5], [0.4, 0.3, 1.5]), rng.uniform(0.05, 0.2)
-        u, v, _ = AHEAD.project(middle + radius * on)
-        rows, columns = window(AHEAD, middle, radius)
-        seen = (u > -0.5) & (u < 100.5) & (v > -0.5) & (v < 80.5)
+    wide = Pinhole(641, 481, 400.0, np.eye(3), np.zeros(3))
+    for k in range(40):
+        camera = wide if k % 2 else AHEAD  # the wide one sees 39° aside: there a ball of 10 cm stood out by 3 pixels
+        middle, radius = rng.uniform([-0.6, -0.4, 0.6], [0.6, 0.4, 1.5]), rng.uniform(0.05, 0.2)
+        u, v, _ = camera.project(middle + radius * on)
+        rows, columns = window(camera, middle, radius)
+        seen = (u > -0.5) & (u < camera.width - 0.5) & (v > -0.5) & (v < camera.height - 0.5)
         u, v = np.round(u[seen]), np.round(v[seen])
         assert (v >= rows.start).all() and (v < rows.stop).all()
         assert (u >= columns.start).all() and (u < columns.stop).all()

@@ -139,13 +139,15 @@ def checked(ids: npt.ArrayLike, confidence: npt.ArrayLike, shape: tuple[int, ...
     """Return a segmenter's answer as an id image and confidences of the depth image's shape.
 
     Raises:
-        SegmenterError: wrong size, ids that are no integers, confidences outside 0 to 1.
+        SegmenterError: wrong size, ids that are no integers or too large, confidences outside 0 to 1.
     """
     whole = np.asarray(ids)
     if whole.shape != shape:
         raise SegmenterError(f"a segmenter gave an id image of shape {whole.shape}, not {shape}: one id per pixel")
     if not np.issubdtype(whole.dtype, np.integer):
         raise SegmenterError(f"a segmenter gave ids of type {whole.dtype}: integers are needed, 0 for no thing")
+    if whole.max(initial=0) > np.iinfo(np.int32).max:
+        raise SegmenterError(f"a segmenter gave the id {whole.max()}: they count up to {np.iinfo(np.int32).max}")
     sure = np.asarray(confidence, dtype=np.float32)
     if sure.shape not in ((), shape):
         raise SegmenterError(f"a segmenter gave confidences of shape {sure.shape}: one number, or {shape}")

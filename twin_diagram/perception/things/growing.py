@@ -31,12 +31,11 @@ from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed, clusters, unexplained
-from twin_diagram.perception.things.memory import Remembered, matched
+from twin_diagram.perception.things.memory import Indices, Remembered, beneath, matched
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
 from twin_diagram.signals.things import Thing
 
-Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 
@@ -176,7 +175,7 @@ def _with_image(thing: GrowingThing, view: View, own: Indices) -> GrowingThing:
             return thing
         slot = Slot(True, np.eye(3), points.mean(axis=0), np.zeros(6), time)
         return _with_picture(GrowingThing(slot, begun=time), view.segments, own)
-    under = _plane_under(view.segments, points)
+    under = _plane_under(view.segments, own)
     found = _upright(thing, view, under) or register_where_expected(thing.cloud, thing.slot, view)
     if found is None:
         lost = time - thing.slot.seen > TUNING.given_up
@@ -294,7 +293,7 @@ def picture_of(segments: Segments, own: Indices, R_WT: Array, p_WT: Array) -> tu
     mask, before = whole(cells), whole(segments.label_image == SEGMENTS.robot)
     camera = _camera(segments, window)
     support = None
-    plane = _plane_under(segments, segments.points_W[own])
+    plane = _plane_under(segments, own)
     table = np.zeros(mask.shape, dtype=bool)
     if plane is not None:
         points = (camera.rays() * depth[..., None]) @ camera.R_WC.T + camera.p_WC
@@ -307,13 +306,14 @@ def picture_of(segments: Segments, own: Indices, R_WT: Array, p_WT: Array) -> tu
     return RgbdFrame(0, segments.time, rgb, kept, mask & (depth > 0), camera, camera), support
 
 
-def _plane_under(segments: Segments, points: Array) -> Plane | None:
-    """Return the plane that points (N, 3) stand on; None where they stand on none that is seen."""
+def _plane_under(segments: Segments, own: Indices) -> Plane | None:
+    """Return the plane on which stands what points `own` show; None where it stands on none that is seen."""
+    points, planes = segments.points_W[own], beneath(own, segments)
     z = float((points.mean(axis=0) - segments.camera.p_WC) @ segments.camera.R_WC[:, 2])
     above = TUNING.stands + TUNING.sigmas * float(segments.camera.depth_noise(np.array(z)))
-    feet = [float(np.percentile(plane.height(points), 5.0)) for plane in segments.planes]
+    feet = [float(np.percentile(plane.height(points), 5.0)) for plane in planes]
     near = [(abs(foot), k) for k, foot in enumerate(feet) if -TUNING.sinks < foot < above]
-    return segments.planes[min(near)[1]] if near else None
+    return planes[min(near)[1]] if near else None
 
 
 def _window(cells: Mask, stride: int, shape: tuple[int, ...]) -> tuple[slice, slice]:

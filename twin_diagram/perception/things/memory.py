@@ -71,6 +71,8 @@ class Tuning:
 
 TUNING = Tuning()
 
+Indices = npt.NDArray[np.int64]
+
 SAMPLES: Final = 32
 """Places on a thing's surface that are looked up in images."""
 MEMORY_SIZE: Final = THING_SIZE + 4 + 1 + 3 * SAMPLES + 6 + MOTION_SIZE
@@ -151,7 +153,7 @@ class Life:
 def observe(
     slots: Sequence[Remembered],
     segments: Segments,
-    found: Sequence[npt.NDArray[np.int64]],
+    found: Sequence[Indices],
     known: Sequence[Placed],
     next_identity: int,
     life: Life,
@@ -171,13 +173,14 @@ def observe(
     cluster_of, taken = matched(after, points, segments)
     for k, slot in enumerate(after):
         if k in cluster_of:
-            after[k] = timed(seen(slot, points[cluster_of[k]], segments), found[cluster_of[k]], segments)
+            own = found[cluster_of[k]]
+            after[k] = timed(seen(slot, own, segments), own, segments)
         elif slot.thing.identity:
             after[k] = unseen(slot, segments, known, life)
     new = [j for j in range(len(found)) if j not in taken]
     turned_away = 0
     for j in sorted(new, key=lambda j: -len(found[j])):
-        made = _made(Remembered(Thing(next_identity, first_seen=segments.time)), points[j], segments)
+        made = _made(Remembered(Thing(next_identity, first_seen=segments.time)), points[j], found[j], segments)
         if not made.thing.pieces:
             continue
         free = next((k for k, slot in enumerate(after) if not slot.thing.identity), None)
@@ -218,9 +221,9 @@ def matched(
     return result, taken
 
 
-def seen(slot: Remembered, points: Array, segments: Segments) -> Remembered:
-    """Return a slot after its thing was seen as `points` (N, 3)."""
-    time = segments.time
+def seen(slot: Remembered, own: Indices, segments: Segments) -> Remembered:
+    """Return a slot after its thing was seen as the segments' points `own`."""
+    time, points = segments.time, segments.points_W[own]
     middle = points.mean(axis=0)
     away = float(np.linalg.norm(middle - slot.made_at))
     still = away < _slack(points, segments) and not _shrunk(slot, segments)
@@ -230,7 +233,7 @@ def seen(slot: Remembered, points: Array, segments: Segments) -> Remembered:
     there = ~np.logical_or(*looked_at(slot.samples, segments))
     # What an arm hides of a thing that stands still is still there.
     hidden = slot.samples[there] if away < TUNING.moved else np.zeros((0, 3))
-    made = _made(slot, np.concatenate([points, hidden]), segments)
+    made = _made(slot, np.concatenate([points, hidden]), own, segments)
     if not made.thing.pieces:
         made = replace(made, thing=replace(made.thing, pieces=slot.thing.pieces))
     elsewhere = float(np.linalg.norm(middle - slot.rested_at)) > TUNING.moved
@@ -239,7 +242,7 @@ def seen(slot: Remembered, points: Array, segments: Segments) -> Remembered:
     return replace(made, thing=replace(made.thing, status=_status(made, time)), empty=0)
 
 
-def timed(slot: Remembered, own: npt.NDArray[np.int64], segments: Segments) -> Remembered:
+def timed(slot: Remembered, own: Indices, segments: Segments) -> Remembered:
     """Return a slot whose thing was seen as the segments' points `own`, with the velocity that images now tell."""
     motion = shown_again(slot.motion, own, segments)
     rows = slot.motion.rows
@@ -268,6 +271,15 @@ def unseen(slot: Remembered, segments: Segments, known: Sequence[Placed], life: 
     if age > life.stale_after:
         status = ObjectStatus.LOST if age > life.lost_after else ObjectStatus.STALE
     return replace(slot, thing=replace(slot.thing, status=status), empty=empty)
+
+
+def beneath(own: Indices, segments: Segments) -> list[Plane]:
+    """Return the planes that what the segments' points `own` show may stand on, the table first: not its own lid.
+
+    From above hardly more than that is seen of a thing, and its lowest points lie on it.
+    """
+    part = int(segments.labels[own[0]])
+    return [plane for plane in segments.planes if plane.part != part]
 
 
 def explained(places: Array, known: Sequence[Placed], segments: Segments) -> float:
@@ -302,9 +314,9 @@ def _slack(points: Array, segments: Segments) -> float:
     return TUNING.place_slack + TUNING.sigmas * float(camera.depth_noise(np.array(z)))
 
 
-def _made(slot: Remembered, points: Array, segments: Segments) -> Remembered:
-    """Return a slot with pieces made of points (N, 3)."""
-    planes: Sequence[Plane] = segments.planes or (level(float(segments.table[2])),)
+def _made(slot: Remembered, points: Array, own: Indices, segments: Segments) -> Remembered:
+    """Return a slot with pieces made of points (N, 3), of a thing that the segments' points `own` show."""
+    planes: Sequence[Plane] = beneath(own, segments) or (level(float(segments.table[2])),)
     pieces = convex_pieces(points, segments.camera.p_WC, floor_below(points, planes))[:PIECES]
     middle = points.mean(axis=0)
     thing = replace(

@@ -60,6 +60,8 @@ def run(arguments: argparse.Namespace, packages: Mapping[str, str | Path]) -> in
     options: list[str] = []
     if arguments.torque_constants is not None:
         options += ["--torque-constants", *arguments.torque_constants]
+    if arguments.joints:
+        options += ["--joints", *arguments.joints]
     for name in ("columns", "torque_side"):
         if (value := getattr(arguments, name)) is not None:
             options += [f"--{name.replace('_', '-')}", str(value)]

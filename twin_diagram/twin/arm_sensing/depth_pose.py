@@ -141,7 +141,9 @@ def point_noise(camera: Camera, floor_p: float, floor_r: float) -> PointNoise:
 
 
 def window(camera: Pinhole, middle_W: Array, radius: float) -> tuple[slice, slice]:
-    """Return the rows and columns of an image that hold a ball about a point: half a width of f · r / (depth − r).
+    """Return the rows and columns of an image that hold a ball about a point.
+
+    Half a width is f · r / (depth − r) · √(1 + t²), with t the tangent of the angle that the point lies aside by.
 
     Args:
         camera: that sees it.
@@ -154,7 +156,9 @@ def window(camera: Pinhole, middle_W: Array, radius: float) -> tuple[slice, slic
     u, v, away = (float(x) for x in camera.project(middle_W))
     if away <= radius:
         return slice(0, 0), slice(0, 0)
-    across, down = (f * radius / (away - radius) for f in (camera.fx, camera.fy))
+    reach, centre = radius / (away - radius), camera.centre
+    across = reach * float(np.hypot(camera.fx, u - centre[0]))
+    down = reach * float(np.hypot(camera.fy, v - centre[1]))
     rows = np.clip([v - down, v + down + 1.0], 0, camera.height).astype(int)
     columns = np.clip([u - across, u + across + 1.0], 0, camera.width).astype(int)
     return slice(*rows), slice(*columns)

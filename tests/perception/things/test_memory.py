@@ -1,0 +1,44 @@
+"""Unknown things from above: what of them hardly more than the lid shows still reaches down to the table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from tests.perception.registration.test_whole_image import SUGAR
+from tests.synthetic_scene import Thing, picture, yawed
+from twin_diagram import scenario
+from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.perception.things.clusters import clusters, unexplained
+from twin_diagram.perception.things.growing import picture_of
+from twin_diagram.perception.things.memory import Life, Remembered, observe
+
+DOWN = Pinhole(160, 120, 150.0, np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.0, 1.2]))
+PERCEPTION = scenario.Perception(stride=1, smallest=20)
+
+
+@pytest.mark.parametrize("height", [0.02, 0.2])
+def test_a_thing_does_not_stand_on_its_own_lid(height: float) -> None:
+    """A camera that looks straight down took a box for a sheet at the height of its lid, free below."""
+    thing = Thing(replace(SUGAR, size=np.array([0.2, 0.14, height])), 1, yawed(0.3), np.array([0.5, 0.0, height / 2]))
+    rgb, depth, _ = picture(DOWN, [thing])
+    slots, next_identity = [Remembered()], 1
+    for time in (0.0, 0.1):
+        seen = segment(rgb, depth, time, Grid.of(DOWN, 1), PERCEPTION)
+        assert len(seen.planes) == 2
+        [own] = clusters(seen, unexplained(seen, []))
+        after = observe(slots, seen, [own], [], next_identity, Life(0.5, 5.0))
+        slots, next_identity = after.slots, after.next_identity
+    inside = np.random.default_rng(0).uniform(-0.5, 0.5, (2000, 3)) * thing.asset.size * 0.98
+    places, held = inside @ thing.R.T + thing.p, np.zeros(2000, dtype=bool)
+    for piece in slots[0].thing.pieces:
+        sides = ConvexHull(piece).equations
+        held |= (places @ sides[:, :3].T + sides[:, 3] <= 0.0).all(axis=1)
+    assert held.mean() > 0.95
+    _, support = picture_of(seen, own, np.eye(3), np.zeros(3))
+    # A thing's picture keeps the table with it, if any plane: never its lid.
+    assert support is None or abs(support.plane[3]) < 0.005
