@@ -18,7 +18,7 @@ from twin_diagram.assets.building.depth_view import DepthView, make_view, surfac
 from twin_diagram.assets.building.fusion import FusionGrid, fuse
 from twin_diagram.assets.building.looking_past import check_unseen
 from twin_diagram.assets.building.predictions import metric, read_predictions
-from twin_diagram.assets.building.reconstruct import Reconstruction, object_points, reconstruct
+from twin_diagram.assets.building.reconstruct import Reconstruction, held_points, object_points, reconstruct
 from twin_diagram.assets.building.selection import the_one_thing
 from twin_diagram.assets.building.view_poses import align, mean_surface
 from twin_diagram.assets.description import read_spec
@@ -411,6 +411,7 @@ def test_walls_behind_what_is_held_in_the_air_are_none_of_it() -> None:
     size = (0.05, 0.04, 0.06)
     taken = shots([box(size)], cameras(8, 0.03), masked=True)
     held = [replace(f, depth=np.where(f.mask, f.depth, np.float32(0.5))) for f in taken.frames]
-    points, plane = object_points([thinned(frame, 1) for frame in held], "held", 0)
-    assert plane is None
-    np.testing.assert_allclose(np.ptp(points, axis=0), size, atol=0.004)
+    views = [thinned(frame, 1) for frame in held]
+    for points, plane in (object_points(views, "held", 0), held_points(views, "held")):
+        assert plane is None
+        np.testing.assert_allclose(np.ptp(points, axis=0), size, atol=0.004)

@@ -21,7 +21,8 @@ from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model import Model
 from twin_diagram.runs.learning import handling, weighing
-from twin_diagram.runs.learning.cell import Recording
+from twin_diagram.runs.learning.cell import TUNING as CELL
+from twin_diagram.runs.learning.cell import Cell, Recording
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.weighing import (
@@ -141,6 +142,20 @@ def test_what_turns_between_the_fingers_is_swung_no_further() -> None:
     bare = Hand(0.5)
     swing(bare, motion, ("a", "b"), "empty", held=False)  # type: ignore[arg-type]
     assert not bare.braked, "in an empty hand nothing turns: fingers that give way by 1 mm end no run"
+
+
+def test_a_swung_arm_is_told_to_speed_up_as_steadily_as_the_motion_does() -> None:
+    """Commands on chords between knots jump to and fro: torques were taken at every other one, inertia for 5 % more."""
+    sent: list[Array] = []
+    cell: Any = Hand(2.0)
+    cell.time, cell._recording, cell._command = 0.0, Recording(), np.zeros(1)
+    cell._advance = lambda until: sent.append(cell._command)
+    cell.follow = lambda times, q, at: Cell.follow(cell, times, q, at)
+    motion: Any = SimpleNamespace(harmonics=SimpleNamespace(period=1.0), at=lambda t: (np.sin(9.0 * t)[:, None],))
+    swing(cell, motion, ("a", "b"), "loaded")
+    tick = CELL.weighed_tick
+    asked = np.diff(np.ravel(sent), 2) / tick**2
+    assert asked == pytest.approx(-81.0 * np.sin(9.0 * tick * np.arange(2, len(sent))), abs=0.1)
 
 
 @pytest.mark.parametrize(("mass", "told"), [(0.8, 0.8), (0.02, 0.05), (4.0, 2.5)])

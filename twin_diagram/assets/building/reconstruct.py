@@ -238,8 +238,7 @@ def object_points(views: Sequence[DepthView], where: str, seed: int) -> tuple[Ar
             raise FramesError(f"{where}: no plane on which a thing stands; give masks of the object")
         held = near
     if plane is None:  # held in the air: what a grown mask shows beside it lies behind it, and no plane parts it off
-        each = zip(views, samples, own, strict=True)
-        held = held & np.concatenate([masked_by_most([view], sample[0], [mask]) for view, sample, mask in each])
+        held = held & within_own(views, [sample[0] for sample in samples])
     else:
         held = held & (points @ plane[:3] - plane[3] > stands_out(points, normals, plane))
     candidates = points[held]
@@ -267,9 +266,16 @@ def stands_out(points: Array, normals: Array, plane: Array) -> float:
 def held_points(views: Sequence[DepthView], where: str) -> tuple[Array, None]:
     """Return the points (N, 3) that most masks hold, of an object with no plane under it."""
     some = views[:: max(1, len(views) // TUNING.asked_views)]
-    points = np.concatenate([view_points(view, 2, None)[0] for view in some])
-    kept = points[masked_by_most(some, points, [grown(view.mask) for view in some if view.mask is not None])]
+    each = [view_points(view, 2, None)[0] for view in some]
+    points, masks = np.concatenate(each), [grown(view.mask) for view in some if view.mask is not None]
+    kept = points[masked_by_most(some, points, masks) & within_own(some, each)]
     return kept[the_one_thing(kept, where)], None
+
+
+def within_own(views: Sequence[DepthView], points: Sequence[Array]) -> npt.NDArray[np.bool_]:
+    """Return (N,), which of each view's own points (…, 3) its own mask holds: what a grown one adds lies behind."""
+    pairs = [(view, own, view.mask) for view, own in zip(views, points, strict=True) if view.mask is not None]
+    return np.concatenate([masked_by_most([view], own, [mask]) for view, own, mask in pairs])
 
 
 def check_size(points: Array, where: str) -> None:

@@ -28,6 +28,7 @@ from twin_diagram.estimation.weighing import (
 )
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model.model import Model
+from twin_diagram.runs.learning.cell import TUNING as CELL
 from twin_diagram.runs.learning.cell import Cell, Recording
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import go
@@ -277,7 +278,9 @@ def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str, 
         Slipping: the fingers come nearer to each other, or are pushed apart: what they hold turns. The arm is at rest.
     """
     period = motion.harmonics.period
-    times = np.arange(0.0, period + 1e-9, 0.005)
+    # Each command lies on the motion: between two of them, every other one would lie on their chord, the arm's
+    # acceleration would jump to and fro, and messages would show one side of that alone.
+    times = np.arange(0.0, period + 1e-9, CELL.weighed_tick)
     q = motion.at(times)[0]
     opening = cell.opening
 
