@@ -93,6 +93,21 @@ def test_scale_is_found_to_a_percent(taken: Shots, tmp_path: Path, disturbed: di
     assert all(frame.beside is not None and frame.beside.any() for frame in frames.frames)
 
 
+def test_confidences_that_overflow_in_half_precision_are_sure(taken: Shots, tmp_path: Path) -> None:
+    file = written(taken, tmp_path / "p.npz", unsure=True)
+    with np.load(file) as data:
+        told = dict(data)
+    plain = read_predictions(file)
+    told["world_points_conf"] = np.where(told["world_points_conf"] > 1.5, np.inf, 1.0).astype(np.float16)
+    np.savez(file, **told)
+    for one, other in zip(plain.frames, read_predictions(file).frames, strict=True):
+        np.testing.assert_array_equal(one.depth, other.depth)
+    told["world_points_conf"][0, 0, 0] = np.nan
+    np.savez(file, **told)
+    with pytest.raises(FramesError, match="world_points_conf holds values that are no finite numbers"):
+        read_predictions(file)
+
+
 @pytest.mark.slow
 def test_cube_of_another_colour_or_shape_is_refused(tmp_path: Path) -> None:
     plain = shots([box((0.06, 0.05, 0.05)), box((EDGE, EDGE, EDGE), AT)], cameras(6, 0.02, distance=0.42))

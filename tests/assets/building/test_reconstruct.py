@@ -17,6 +17,7 @@ from twin_diagram.assets.building.decimation import enclosed_volume, is_closed
 from twin_diagram.assets.building.depth_view import DepthView, make_view, surface_normals, thinned, view_points
 from twin_diagram.assets.building.fusion import FusionGrid, fuse
 from twin_diagram.assets.building.looking_past import check_unseen
+from twin_diagram.assets.building.outlines import outline
 from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.assets.building.reconstruct import Reconstruction, held_points, object_points, reconstruct
 from twin_diagram.assets.building.selection import the_one_thing
@@ -89,6 +90,43 @@ def test_wrong_poses_are_put_right() -> None:
     assert off_surface([frame.camera for frame in wrong.frames]) > 0.001
     assert off_surface([view.camera for view in found.views]) < 0.0003
     assert found.noise < 0.0005 and found.explained.min() > 0.9
+
+
+def test_few_views_of_a_cup_are_told_across_the_picture_by_outlines() -> None:
+    taken, centre = shots([cup()], cameras(8, 0.025)), np.array([0, 0, 0.025])
+    rng = np.random.default_rng(0)
+    wrong = taken.told([np.append(np.zeros(3), [*rng.normal(0, 0.0015, 2), 0.0]) for _ in taken.frames], np.zeros(3))
+    views = [make_view(frame.camera, frame.depth) for frame in wrong.frames]
+    found = align(views, np.array([-0.03, -0.03, 0.0]), np.array([0.03, 0.03, 0.05]), np.array([0, 0, 1.0, 0]))
+    left = []
+    for frame, view in zip(taken.frames, found.views, strict=True):
+        R = view.camera.R_WC @ frame.camera.R_WC.T
+        left.append((view.camera.p_WC - R @ (frame.camera.p_WC - centre) - centre)[:2])
+    off = np.linalg.norm(left - np.mean(left, axis=0), axis=1)
+    assert np.sqrt((off**2).mean()) < 0.0004  # by what faces the cameras alone: 1.3 mm
+
+
+def test_an_outline_lies_where_a_thing_ends_and_faces_outwards() -> None:
+    view = make_view(*above_a_box())
+    points, normals = outline(view)
+    place, out = points @ view.camera.R_WC.T + view.camera.p_WC, normals @ view.camera.R_WC.T
+    side = np.argmax(np.abs(place[:, :2]) / [0.03, 0.02], axis=1)
+    rows = np.arange(len(place))
+    clear = np.abs(place[:, :2] / [0.03, 0.02]).min(axis=1) < 0.75  # a corner is round
+    assert np.count_nonzero(clear) > 100
+    np.testing.assert_allclose(np.abs(place[rows, side]), np.array([0.03, 0.02])[side], atol=0.0007)  # half a pixel
+    facing = out[rows, side] * np.sign(place[rows, side])
+    assert facing[clear].min() > 0.98
+    np.testing.assert_allclose(place[:, 2], 0.03, atol=1e-3)
+    low = shots([box((0.06, 0.04, 0.008))], cameras(1, 0.0, low=70)).frames[0]
+    assert len(outline(make_view(low.camera, low.depth))[0]) == 0  # what lies on a table ends where that goes on
+
+
+def above_a_box() -> tuple[ViewCamera, np.ndarray]:
+    """A camera straight above a box, and what it sees."""
+    R = np.diag([1.0, -1.0, -1.0])
+    camera = ViewCamera(200, 160, 300.0, 300.0, 99.5, 79.5, R, np.array([0.0, 0.0, 0.38]))
+    return camera, shots([box((0.06, 0.04, 0.03))], [camera]).frames[0].depth
 
 
 def test_what_a_view_does_not_tell_is_said(mug: Shots) -> None:

@@ -128,6 +128,7 @@ def read_predictions(path: str | Path) -> PredictedFrames:
                 raise FramesError(f"{path}: has no {missing[0]}")
             told = (_without_ones(np.asarray(data[name]), due) for name, due in _NAMES.items())
             points, sure, extrinsic, intrinsic, images = told
+            sure = _finite(sure)
     except FramesError:
         raise
     except Exception as error:  # of zip files, of pickles, of headers
@@ -153,6 +154,13 @@ def read_predictions(path: str | Path) -> PredictedFrames:
         lens = _lens(camera, points[k].astype(float), depth)
         frames.append(RgbdFrame(k, float(k), rgb[k], depth, None, lens, lens))
     return PredictedFrames(tuple(frames))
+
+
+def _finite(sure: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return confidences, infinite ones at the greatest number there is: in half precision exponentials overflow."""
+    if sure.dtype.kind != "f":
+        return sure
+    return np.where(sure == np.inf, np.finfo(sure.dtype).max, sure).astype(sure.dtype)
 
 
 def _without_ones(array: npt.NDArray[Any], due: int) -> npt.NDArray[Any]:

@@ -1,5 +1,7 @@
 """The cameras' poses refined together: each view against the mean surface of all, and against the support plane.
 
+What a view says of the surface is what faces it, and its outline (`outlines.py`).
+
 The mean surface is a cloud of cells, each with the mean place and normal of what all views have in it that faces the
 same way; so both sides of a thin wall are kept apart. All views are moved at once, by Gauss-Newton steps on point-to-
 plane distances (Chen and Medioni, 1992) to the nearest cells; then the surface is formed anew. Where a cell lies
@@ -19,6 +21,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from twin_diagram.assets.building.depth_view import DepthView, view_points
+from twin_diagram.assets.building.outlines import outline_near
 from twin_diagram.assets.building.support_plane import settled
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -94,6 +97,11 @@ class Sample:
     normals: Array
     around: Array
     around_normals: Array
+
+    def joined(self, points: Array, normals: Array) -> Sample:
+        """Return it with further points (N, 3) of the object, and their normals, behind its own."""
+        both = np.concatenate([self.points, points]), np.concatenate([self.normals, normals])
+        return replace(self, points=both[0], normals=both[1])
 
 
 @dataclass(frozen=True)
@@ -198,6 +206,8 @@ def align(
     above = np.mean([view.camera.p_WC for view in now], axis=0)
     rng = np.random.default_rng(seed)
     samples = [sampled(view, low, high, rng) for view in now]
+    inner = [len(sample.points) for sample in samples]
+    samples = [s.joined(*outline_near(view, low, high, rng)) for s, view in zip(samples, now, strict=True)]
     residuals, explained = np.zeros(len(now)), np.ones(len(now))
     prior = _prior(prior_scale)
     twists, covariances = np.zeros((len(now), len(prior))), np.zeros((len(now), 6, 6))
@@ -220,7 +230,7 @@ def align(
             now = [moved(view, step, centre) for view, step in zip(now, steps, strict=True)]
             samples = [_grown(sample, step) for sample, step in zip(samples, steps, strict=True)]
         for k, view in enumerate(now):
-            residuals[k], near = _spread(view, samples[k], matches[k], noise)
+            residuals[k], near = _spread(view, samples[k], matches[k], noise, inner[k])
             explained[k] = matches[k].explained * near
         noise = max(float(np.median(residuals)), TUNING.noise_floor)
     return AlignedViews(now, plane, residuals, explained, noise, covariances, centre, twists)
@@ -285,12 +295,16 @@ def _matched(tree: cKDTree, surface: tuple[Array, Array], points: Array, normals
     return _Match(own[good], cell[good], surface[0][cell[good]], surface[1][cell[good]], share)
 
 
-def _spread(view: DepthView, sample: Sample, match: _Match, noise: float) -> tuple[float, float]:
-    """Return the spread of matched points about their planes [m], by the median, and the share that is near them."""
-    if not len(match.which):
+def _spread(view: DepthView, sample: Sample, match: _Match, noise: float, inner: int) -> tuple[float, float]:
+    """Return the spread of matched points about their planes [m], by the median, and the share that is near them.
+
+    Only the first `inner` points count: those on the outline have the picture's errors, not depth's.
+    """
+    own = match.which < inner
+    if not own.any():
         return 0.0, 0.0
-    p, _ = _in_W(view, sample.points[match.which], sample.normals[match.which])
-    off = np.abs(np.einsum("ni,ni->n", p - match.place, match.normal))
+    p, _ = _in_W(view, sample.points[match.which[own]], sample.normals[match.which[own]])
+    off = np.abs(np.einsum("ni,ni->n", p - match.place[own], match.normal[own]))
     return 1.4826 * float(np.median(off)), float((off < max(TUNING.near, 5 * noise)).mean())
 
 
