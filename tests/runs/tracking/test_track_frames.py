@@ -133,6 +133,22 @@ def test_a_pushed_box_is_followed_in_w(tracked: Path) -> None:
         assert one["hypotheses"][0]["p_WO"] == one["p_WO"]
 
 
+def test_what_is_found_again_elsewhere_is_not_stale_in_the_frame_that_shows_it(library: Path, tmp_path: Path) -> None:
+    """The filter takes the first pose there for an outlier, but the frame shows it."""
+    view = larger(cameras(3, 0.03, 35.0, 50.0, 0.7)[1])
+    frames = []
+    for k, (x, time) in enumerate([(-0.06, 0.0), (-0.06, 0.1), (None, 0.5), (None, 0.9), (0.08, 1.0), (0.08, 1.1)]):
+        (one,) = shots([body(SIZE, x or 0.0, 0.02 if x else -1.0, YAW)], [view]).frames
+        frames.append(replace(one, number=k, time=time))
+    assert track(library, folder_of(Shots(frames), tmp_path / "frames"), tmp_path / "out") == 0
+    with (tmp_path / "out" / "poses.csv").open() as file:
+        shown = [int(row["im_id"]) for row in csv.DictReader(file)]
+    assert shown == [0, 1, 4, 5]
+    told = [of(line, "brick") for line in lines(tmp_path / "out")]
+    assert "stale" not in {told[k]["status"] for k in shown}
+    assert np.linalg.norm(np.array(told[4]["p_WO"]) - [0.08, 0.02, SIZE[2] / 2]) < 0.003
+
+
 def test_the_axis_of_a_round_thing_is_free_whichever_it_is(tmp_path: Path) -> None:
     turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0])
     rod = trimesh.creation.cylinder(0.03, 0.14, sections=64)

@@ -298,6 +298,8 @@ class ObjectTracker:
             life = ObjectStatus(int(status[k])).name.lower()
             if found is None and there < 0.5:
                 life = ObjectStatus.LOST.name.lower()
+            if found is not None and status[k] == ObjectStatus.STALE:
+                life = ObjectStatus.TRACKED.name.lower()  # to the filter the first pose elsewhere is an outlier
             visible = whole if found is not None else whole * shape
             only = shown.hypotheses or (PoseHypothesis(R, p, shown.spread, 1.0),)
             name = self.names[one.asset]
