@@ -251,9 +251,9 @@ def _parsed(
     plant: MultibodyPlant, spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None
 ) -> tuple[ModelInstanceIndex, ...]:
     """Put a description into a plant; what is wrong with it is said in one line."""
-    for part in _parts(spec, packages):
-        impossible.refuse_impossible(part)
     try:
+        for part in _parts(spec, packages):
+            impossible.refuse_impossible(part)
         with parser_warnings.in_one_line(Path(spec.model)):
             instances = foreign.add_models(parser(plant, packages), Path(spec.model))
     except SystemExit as error:  # of a condition within Drake, from which pydrake would end the program
@@ -368,7 +368,8 @@ def _weld_base(
     ]
     others = [body.name() for body in free if body.index() != root.index()]
     if others:
-        raise ModelError(f"{spec.model}: more than one root link: {', '.join([root.name(), *others])}")
+        roots_named = ", ".join([root.name(), *others])
+        raise ModelError(f"{spec.model}: more than one root link: {roots_named}; give the arm in a file of its own")
     X_WB = pose(spec.X_WB)
     if not free:
         if not X_WB.IsNearlyIdentity(1e-12):
@@ -390,4 +391,7 @@ def _tool_frame(
         if plant.HasFrameNamed(spec.tool_frame, instance):
             return plant.GetFrameByName(spec.tool_frame, instance).index()
     names = sorted(plant.get_frame(index).name() for instance in instances for index in plant.GetFrameIndices(instance))
-    raise ModelError(f"tool_frame: the model has no frame {spec.tool_frame!r}; its frames are {', '.join(names)}")
+    frames = ", ".join(names)
+    raise ModelError(
+        f"tool_frame: the model has no frame {spec.tool_frame!r}; '' takes the last link's own; its frames are {frames}"
+    )
