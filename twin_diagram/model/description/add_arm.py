@@ -194,7 +194,8 @@ def add_arm(
 
     A description without any motor (most URDFs carry no transmissions) gets one on each joint that is named, or, where
     none is named, on each revolute joint; joints that are named get the motor they lack. Where joints are named, those
-    that move without them are held where the description starts them: a second arm, wheels, a head.
+    that move without them are held where the description starts them (a second arm, wheels, a head), and so are the
+    knuckles of a hand that tendons pull.
 
     Raises:
         ModelError: unreadable description, no joint to drive, a name that is not in the model (the message lists those
@@ -213,11 +214,14 @@ def add_arm(
     following = unparsed.of_all(unparsed.following, parts)
     arm_joints, gripper_joints = _choose(spec, every, motors, following, unparsed.of_all(unparsed.driven, parts))
     joint_tree.refuse_alike(spec.model, plant, instances, arm_joints)
-    if spec.joints:
+    pulled, still = any(map(unparsed.pulls_tendons, parts)), list[Joint]()
+    if pulled:
+        still = held_joints.linkage([*arm_joints, *gripper_joints], every, following)
+    elif spec.joints:
         driven = {int(joint.index()) for joint in gripper_joints}
         still = [joint for joint in held_joints.beside(arm_joints, every) if int(joint.index()) not in driven]
-        if held_joints.hold(plant, still, following):
-            every = _joints(plant, instances)
+    if held_joints.hold(plant, still, following, closed=pulled):
+        every = _joints(plant, instances)
     _add_motors(plant, [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])], motors, parts)
     base = _weld_base(plant, instances, arm_joints[0], spec)
     carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, every))]
@@ -391,7 +395,7 @@ def _tool_frame(
         if plant.HasFrameNamed(spec.tool_frame, instance):
             return plant.GetFrameByName(spec.tool_frame, instance).index()
     names = sorted(plant.get_frame(index).name() for instance in instances for index in plant.GetFrameIndices(instance))
-    frames = ", ".join(names)
-    raise ModelError(
-        f"tool_frame: the model has no frame {spec.tool_frame!r}; '' takes the last link's own; its frames are {frames}"
+    said = (
+        f"the model has no frame {spec.tool_frame!r}; '' takes the last link's own; its frames are {', '.join(names)}"
     )
+    raise ModelError(f"tool_frame: {said}")

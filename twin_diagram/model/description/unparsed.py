@@ -189,6 +189,13 @@ def driven(path: Path) -> dict[str, bool]:
     return {name: name in motors for name in joints} if motors else {}
 
 
+def pulls_tendons(path: Path) -> bool:
+    """Return whether a motor of an MJCF pulls a tendon; Drake reads neither."""
+    if path.suffix.lower() != ".xml":
+        return False
+    return any(motor.get("tendon") for actuator in tree(path).iter("actuator") for motor in actuator)
+
+
 def _motor_limits(root: Element) -> Iterator[tuple[str, float]]:
     """Yield what each motor of an MJCF gives its joint at most, where that is limited."""
     limited = "false" if any(each.get("autolimits") == "false" for each in root.findall("compiler")) else "true"
