@@ -12,6 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from twin_diagram.cli import main
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.model.model import Model
+from twin_diagram.runs.first_scenario import look_at
 from twin_diagram.scenario import ArmModel
 from twin_diagram.signals.arrays import Array
 
@@ -135,3 +136,28 @@ def test_an_arm_does_not_feel_the_other(tmp_path: Path, caplog: pytest.LogCaptur
     assert main(["predict", "--model", str(path), "--log", str(log), "--out", str(out)]) == 0
     assert "right_shoulder, right_elbow" in caplog.text
     assert_predicted(out, columns, arm)
+
+
+HAND = """<mujoco model="arm"><compiler angle="radian"/><worldbody><body name="upper">
+<joint name="shoulder" axis="0 1 0"/>
+<geom size=".05" pos="0 0 .3"/><body name="left" pos="0 .03 .4"><joint name="left_driver" axis="1 0 0"/>
+<geom size=".02" pos="0 .03 0"/><body name="left_tip" pos="0 .05 0"><joint name="left_coupler" axis="1 0 0"/>
+<geom size=".02" pos="0 0 .03"/></body></body>
+<body name="right" pos="0 -.03 .4"><joint name="right_driver" axis="-1 0 0"/><geom size=".02" pos="0 -.03 0"/></body>
+</body></worldbody><tendon><fixed name="split"><joint joint="left_driver" coef=".5"/>
+<joint joint="right_driver" coef=".5"/></fixed></tendon>
+<equality><connect anchor="0 0 .06" body1="left_tip" body2="upper"/>
+<joint joint1="right_driver" joint2="left_driver"/></equality>
+<actuator><motor joint="shoulder"/>{pull}</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("pull", "left"), [('<general tendon="split"/>', 1), ("", 4)])
+def test_knuckles_of_a_hand_that_tendons_pull_are_held(tmp_path: Path, pull: str, left: int) -> None:
+    """They hung loose, as nobody reads what pulls them; what is truly without a motor still does."""
+    path = tmp_path / "arm.xml"
+    path.write_text(HAND.format(pull=pull))
+    plant = MultibodyPlant(1e-3)
+    assert add_arm(plant, path).joints == ("shoulder",)
+    plant.Finalize()
+    assert plant.num_velocities() == left and (left > 1 or plant.num_constraints() == 0)
+    assert bool(look_at(path).loose) == (left > 1)

@@ -194,7 +194,8 @@ def add_arm(
 
     A description without any motor (most URDFs carry no transmissions) gets one on each joint that is named, or, where
     none is named, on each revolute joint; joints that are named get the motor they lack. Where joints are named, those
-    that move without them are held where the description starts them: a second arm, wheels, a head.
+    that move without them are held where the description starts them (a second arm, wheels, a head), and so are the
+    knuckles of a hand that tendons pull.
 
     Raises:
         ModelError: unreadable description, no joint to drive, a name that is not in the model (the message lists those
@@ -213,11 +214,14 @@ def add_arm(
     following = unparsed.of_all(unparsed.following, parts)
     arm_joints, gripper_joints = _choose(spec, every, motors, following, unparsed.of_all(unparsed.driven, parts))
     joint_tree.refuse_alike(spec.model, plant, instances, arm_joints)
-    if spec.joints:
+    pulled, still = any(map(unparsed.pulls_tendons, parts)), list[Joint]()
+    if pulled:
+        still = held_joints.linkage([*arm_joints, *gripper_joints], every, following)
+    elif spec.joints:
         driven = {int(joint.index()) for joint in gripper_joints}
         still = [joint for joint in held_joints.beside(arm_joints, every) if int(joint.index()) not in driven]
-        if held_joints.hold(plant, still, following):
-            every = _joints(plant, instances)
+    if held_joints.hold(plant, still, following, closed=pulled):
+        every = _joints(plant, instances)
     _add_motors(plant, [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])], motors, parts)
     base = _weld_base(plant, instances, arm_joints[0], spec)
     carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, every))]
@@ -251,9 +255,9 @@ def _parsed(
     plant: MultibodyPlant, spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None
 ) -> tuple[ModelInstanceIndex, ...]:
     """Put a description into a plant; what is wrong with it is said in one line."""
-    for part in _parts(spec, packages):
-        impossible.refuse_impossible(part)
     try:
+        for part in _parts(spec, packages):
+            impossible.refuse_impossible(part)
         with parser_warnings.in_one_line(Path(spec.model)):
             instances = foreign.add_models(parser(plant, packages), Path(spec.model))
     except SystemExit as error:  # of a condition within Drake, from which pydrake would end the program
@@ -368,7 +372,8 @@ def _weld_base(
     ]
     others = [body.name() for body in free if body.index() != root.index()]
     if others:
-        raise ModelError(f"{spec.model}: more than one root link: {', '.join([root.name(), *others])}")
+        roots_named = ", ".join([root.name(), *others])
+        raise ModelError(f"{spec.model}: more than one root link: {roots_named}; give the arm in a file of its own")
     X_WB = pose(spec.X_WB)
     if not free:
         if not X_WB.IsNearlyIdentity(1e-12):
@@ -390,4 +395,7 @@ def _tool_frame(
         if plant.HasFrameNamed(spec.tool_frame, instance):
             return plant.GetFrameByName(spec.tool_frame, instance).index()
     names = sorted(plant.get_frame(index).name() for instance in instances for index in plant.GetFrameIndices(instance))
-    raise ModelError(f"tool_frame: the model has no frame {spec.tool_frame!r}; its frames are {', '.join(names)}")
+    said = (
+        f"the model has no frame {spec.tool_frame!r}; '' takes the last link's own; its frames are {', '.join(names)}"
+    )
+    raise ModelError(f"tool_frame: {said}")

@@ -1,4 +1,4 @@
-"""Welds the joints of a robot that are not of the arm which is named: a second arm, a mobile base, a head."""
+"""Welds joints that nothing moves here: a second arm, a mobile base, a head, knuckles of a hand that tendons pull."""
 
 from __future__ import annotations
 
@@ -34,7 +34,23 @@ def elsewhere(arm: Sequence[Joint], every: Sequence[Joint]) -> list[Joint]:
     return [joint for joint in beside(arm, every) if int(joint.index()) not in carrying]
 
 
-def hold(plant: MultibodyPlant, held: Sequence[Joint], following: Mapping[str, Following]) -> list[str]:
+def linkage(driven: Sequence[Joint], every: Sequence[Joint], following: Mapping[str, Following]) -> list[Joint]:
+    """Return the joints of a hand that tendons pull, which Drake does not read: they would hang loose.
+
+    Args:
+        driven: joints of arm and gripper.
+        every: joints of the robot, also those that are fixed.
+        following: of each joint that follows another one, how; what follows a driven one is left out.
+    """
+    moved = {joint.name() for joint in driven}
+    moved |= {name for name, how in following.items() if how.leader in moved}
+    movable = [joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
+    return [joint for joint in movable if joint.name() not in moved]
+
+
+def hold(
+    plant: MultibodyPlant, held: Sequence[Joint], following: Mapping[str, Following], closed: bool = False
+) -> list[str]:
     """Replace joints by welds at the positions that the description starts them at, within their limits.
 
     A plant with constraints or springs gives no joint up. The constraints of joints that follow others are taken out
@@ -44,15 +60,16 @@ def hold(plant: MultibodyPlant, held: Sequence[Joint], following: Mapping[str, F
         plant: not yet finalized.
         held: revolute and prismatic joints.
         following: of each joint that follows another one, how.
+        closed: whether the plant's constraints are those that close a linkage all of which is held.
 
     Returns:
         The names of those that were welded.
     """
     springs = plant.num_force_elements() > 1  # beside gravity; with them a plant gives no joint up
-    if not held or springs or plant.num_constraints() not in (0, len(following)):
+    if not held or springs or not (closed or plant.num_constraints() in (0, len(following))):
         return []
-    coupled = plant.num_constraints() > 0
-    for constraint in plant.GetConstraintIds() if coupled else ():
+    coupled = plant.num_constraints() > 0 and not closed
+    for constraint in plant.GetConstraintIds():
         plant.RemoveConstraint(constraint)
     gone = {int(joint.index()) for joint in held}
     for actuator in map(plant.get_joint_actuator, list(plant.GetJointActuatorIndices())):

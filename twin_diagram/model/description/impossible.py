@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from twin_diagram.errors import ModelError
-from twin_diagram.model.description import unparsed
+from twin_diagram.model.description import mjcf_bodies, unparsed
 
 Told = tuple[Sequence[tuple[Element, str | None]], Sequence[tuple[Element, str | None, str | None]]]
 """Links with their masses, joints with their lower and upper limits."""
@@ -23,6 +23,11 @@ ROUNDING = 1e-6
 _MOMENTS = ("ixx", "iyy", "izz")
 """About the axes: as attributes and as elements."""
 
+
+_MADE = ("replicate", "attach", "composite")
+"""Of an MJCF: what MuJoCo makes bodies and shapes of."""
+_SAVE = 'give its <compiler> saveinertial="true", load it in MuJoCo, save it by mujoco.mj_saveLastXML, and use that'
+"""States what MuJoCo makes of it."""
 
 _COMMA = re.compile(r"[-+]?\d*,\d+")
 """A number as exporters write it where their system's language has decimal commas."""
@@ -43,9 +48,7 @@ def refuse_impossible(path: Path) -> None:
         return
     root = unparsed.tree(path)
     _refuse_commas(path, root)
-    for compiler in root.iter("compiler"):  # of an MJCF
-        if _number(total := compiler.get("settotalmass")) > 0.0:
-            raise ModelError(f"{path}: settotalmass {total}: Drake does not scale masses; state them as they are")
+    _refuse_unread(path, root)
     masses, limits = reads(root)
     for link, word in masses:
         if (mass := _number(word)) < 0:
@@ -59,6 +62,24 @@ def refuse_impossible(path: Path) -> None:
             raise ModelError(
                 f"{path}: joint {_name(joint)!r}: its lower limit {low:g} lies above its upper one {high:g}"
             )
+
+
+def _refuse_unread(path: Path, root: Element) -> None:
+    """Refuse what of an MJCF Drake passes over although masses or bodies come of it."""
+    for compiler in root.iter("compiler"):
+        if _number(total := compiler.get("settotalmass")) > 0.0:
+            raise ModelError(f"{path}: settotalmass {total}: Drake does not scale masses; state them as they are")
+    for tag in _MADE:
+        if root.find(f"worldbody//body//{tag}") is not None:
+            raise ModelError(f"{path}: Drake does not read <{tag}>; {_SAVE}")
+    shells = {mesh.get("name", Path(mesh.get("file", "")).stem) for mesh in root.iter("mesh") if _is_shell(mesh.attrib)}
+    for geom, said, counts in mjcf_bodies.shapes(root):
+        if counts and (_is_shell(said) or said.get("mesh") in shells):
+            raise ModelError(f"{path}: geom {_name(geom)!r} is a shell, which Drake takes for solid; {_SAVE}")
+
+
+def _is_shell(said: Mapping[str, str]) -> bool:
+    return said.get("shellinertia") == "true" or said.get("inertia") == "shell"
 
 
 def _refuse_commas(path: Path, element: Element, owner: str = "") -> None:

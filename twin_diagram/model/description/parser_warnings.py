@@ -12,6 +12,9 @@ from pathlib import Path
 _PLACE = re.compile(r"^.*?:\d+: warning: ")
 """The file and its line, before what is said of them."""
 
+_MOVES = re.compile(r"'(?:gravcomp|tendon|boundmass|boundinertia|density|viscosity)'")
+"""In what is said of an MJCF: what other torques come of."""
+
 _told: set[Path] = set()
 """Files of which it was said: a description is read for each plant that it goes into."""
 
@@ -41,6 +44,8 @@ def in_one_line(path: Path) -> Iterator[None]:
         drake.filters[:] = kept
     if heard and path not in _told:
         _told.add(path)
-        first = textwrap.shorten(heard[0].rstrip("."), 160, placeholder=" …")
+        first = textwrap.shorten(
+            min(heard, key=lambda said: _MOVES.search(said) is None).rstrip("."), 160, placeholder=" …"
+        )
         others = f", and {len(heard) - 1} warnings more" if len(heard) > 1 else ""
         own.warning("%s: Drake: %s%s (twin-diagram --verbose tells all)", path, first, others)

@@ -189,10 +189,17 @@ def driven(path: Path) -> dict[str, bool]:
     return {name: name in motors for name in joints} if motors else {}
 
 
+def pulls_tendons(path: Path) -> bool:
+    """Return whether a motor of an MJCF pulls a tendon; Drake reads neither."""
+    if path.suffix.lower() != ".xml":
+        return False
+    return any(motor.get("tendon") for actuator in tree(path).iter("actuator") for motor in actuator)
+
+
 def _motor_limits(root: Element) -> Iterator[tuple[str, float]]:
     """Yield what each motor of an MJCF gives its joint at most, where that is limited."""
     limited = "false" if any(each.get("autolimits") == "false" for each in root.findall("compiler")) else "true"
-    classes = _classes(root, _MOTORS)
+    classes = of_classes(root, _MOTORS)
     for motor in (motor for actuator in root.iter("actuator") for motor in actuator if motor.get("joint")):
         said = {"gear": "1", "gainprm": "1", **classes.get(motor.get("class", "main"), {}), **motor.attrib}
         most = math.inf
@@ -252,7 +259,7 @@ def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float
     """Yield dry friction, stiffness, rest position and rotor inertia of each joint that has a name."""
     _include(root, folder)
     degrees = all(compiler.get("angle", "degree") == "degree" for compiler in root.iter("compiler"))
-    classes = _classes(root, ("joint",))
+    classes = of_classes(root, ("joint",))
 
     def walk(element: Element, inherited: str) -> Iterator[tuple[str, tuple[float, float, float, float]]]:
         inherited = element.get("childclass", inherited)
@@ -270,7 +277,7 @@ def _mjcf(root: Element, folder: Path) -> Iterator[tuple[str, tuple[float, float
         yield from walk(world, "main")
 
 
-def _classes(root: Element, tags: Sequence[str]) -> dict[str, dict[str, str]]:
+def of_classes(root: Element, tags: Sequence[str]) -> dict[str, dict[str, str]]:
     """Return what each class of an MJCF's defaults says of elements of a kind, what it has from others among it."""
     classes: dict[str, dict[str, str]] = {"main": {}}
     for default in root.findall("default"):
