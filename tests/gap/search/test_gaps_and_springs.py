@@ -191,7 +191,7 @@ def proposed(
     monkeypatch.setattr(
         gear_proposals, "play_shapes", lambda *arguments: {0: [gear_proposals.GearShape("backlash", 0, ())]}
     )
-    monkeypatch.setattr(gear_proposals, "gear", lambda terms, shape: made)
+    monkeypatch.setattr(gear_proposals, "gear", lambda terms, shape, bare: made)
     monkeypatch.setattr(
         gear_proposals,
         "score_candidate",

@@ -19,15 +19,15 @@ def test_what_kinds_of_motion_differ_by_widens_an_error_and_never_narrows_it() -
     np.testing.assert_allclose(correlation, 0.5)
 
 
-def test_frictions_error_is_no_larger_than_what_left_out_motion_loses_without_it_says() -> None:
+def test_a_drives_error_is_no_larger_than_what_left_out_motion_loses_without_it_says() -> None:
     one_joint = 14
     wide, least = 4.0 * np.eye(one_joint), 0.25 * np.eye(one_joint)
     brought = np.zeros((1, 4))
     brought[0] = 8.0, 1e6, 8.0, 8.0  # damping, dry friction, offset, rotor [nats]
     size = np.full(one_joint, 4.0)
     error = np.sqrt(np.diag(by_evidence(wide, least, size, brought)))
-    # Damping of four standard errors; dry friction of more, but no error is less than its own.
-    np.testing.assert_allclose(error, [*np.full(10, 2.0), 1.0, 0.5, 2.0, 2.0])
+    # Damping and a rotor of four standard errors; dry friction of more, but no error is less than its own.
+    np.testing.assert_allclose(error, [*np.full(10, 2.0), 1.0, 0.5, 2.0, 1.0])
     nothing = by_evidence(wide, least, size, np.full((1, 4), -3.0))
     np.testing.assert_allclose(nothing, wide)
 

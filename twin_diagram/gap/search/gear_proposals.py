@@ -7,6 +7,7 @@ each joint is offered, and its shape refined like any other.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -108,7 +109,7 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
         rests = _rests(bench, members, j)
         bases = [basis(bench, rest) for rest in rests]
         projected = [np.einsum("jrk,jr->k", Q, bench.y) for Q in bases]
-        bare = {id(record): Untwisted() for record in terms.records.records}  # of one joint: long logs take space
+        bare: defaultdict[int, Untwisted] = defaultdict(Untwisted)  # of one joint: long logs take space
         crowded: dict[str, tuple[float, Candidate]] = {}
         best: dict[tuple[str, Members], tuple[float, Candidate]] = {}
         for shape in shapes:

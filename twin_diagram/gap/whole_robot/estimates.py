@@ -111,7 +111,7 @@ def beside_all(spread: Array, every: RobotProblem, z: Array) -> Array:
 
 
 def by_evidence(wide: Array, least: Array, size: Array, brought: Array) -> Array:
-    """Return a covariance (Z, Z) of which friction's is no larger than what left-out motion loses without it says.
+    """Return a covariance (Z, Z) of which joints' drives' is no larger than what left-out motion loses without it says.
 
     One kind of motion may carry a term alone: fits without it then differ by far more than the term is unsure. A term
     of n standard errors brings n² / 2 nats.
@@ -124,7 +124,7 @@ def by_evidence(wide: Array, least: Array, size: Array, brought: Array) -> Array
     """
     n = len(brought)
     told = np.full((n, len(OWN)), np.inf)
-    k = [OWN.index(term) for term in FRICTION]
+    k = [OWN.index(term) for term in (*FRICTION, "rotor")]
     told[:, k] = np.abs(size[10 * n : 14 * n].reshape(n, -1)[:, k]) / np.sqrt(2.0 * np.maximum(brought[:, k], 1e-9))
     error, own = np.sqrt(np.diag(wide)), np.sqrt(np.maximum(np.diag(least), 0.0))
     ratio = np.ones(len(error))
