@@ -189,3 +189,22 @@ def test_what_is_seen_again_in_one_place_averages_lasting_noise_no_further() -> 
     # In an image half as wide a square has half the pixels across.
     small = [replace(one, pixels=0.5 * one.pixels) for one in surfaces]
     assert [float(one[0]) for one in calibration.pixels_together(small, 320)] == [x / 4.0 for x in found]
+
+
+def test_the_prior_and_a_surfaces_own_place_cost_what_they_should() -> None:
+    """Half a squared deviation each; of points that are all aside by d, where they and the place may be: ½ d² / var."""
+    prior = SHEET.variances
+    at = 0.5 * np.sqrt(prior) * np.arange(1.0, 11.0)
+    wanted = 0.5 * 0.25 * np.sum(np.arange(1.0, 11.0) ** 2)
+    assert calibration._cost([], [], corrected(TOLD, at), at, prior) == pytest.approx(wanted)
+    ahead, aside = TOLD.R_WC[:, 2], 2e-4
+
+    def nearest(points: Array) -> tuple[Array, Array]:
+        return points + aside * ahead, np.tile(-ahead, (len(points), 1))
+
+    pixels = np.array([[80.0 + x, 60.0 + y] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
+    place_std, alone = 0.002, np.ones(9)
+    surface = KnownSurface(pixels, np.ones(9), nearest, place_std)
+    cost = calibration._cost([surface], [alone], (TOLD, 1.0), np.zeros(10), prior)
+    variance = place_std**2 + float(TOLD.depth_noise(np.array(1.0))) ** 2 / 9.0
+    assert cost == pytest.approx(0.5 * aside**2 / variance, rel=0.02)
