@@ -170,3 +170,41 @@ def test_the_cost_by_which_places_of_rest_are_compared_falls_as_the_steps_say() 
     slope = np.array([(cost(at + step) - cost(at - step)) / 2e-4 for step in steps])
     np.testing.assert_allclose(slope, -wanted * np.sqrt(prior), rtol=0.03, atol=0.03 * np.abs(slope).max())
     assert np.abs(wanted + at / prior).max() > 1.0
+
+
+def test_what_is_seen_again_in_one_place_averages_lasting_noise_no_further() -> None:
+    """Of one body and one square of the image; patches of white noise are anew in each frame."""
+
+    def shown(frame: int, body: int, column: float) -> KnownSurface:
+        return KnownSurface(np.array([[column, 10.0]]), np.ones(1), nowhere, frame=frame, body=body)
+
+    def nowhere(points: Array) -> tuple[Array, Array]:
+        return points, points
+
+    told, side = calibration.TUNING, calibration.TUNING.cell
+    surfaces = [shown(0, 1, 5.0), shown(1, 1, 6.0), shown(1, 2, 5.0), shown(1, 1, side + 5.0), shown(1, 1, 7.0)]
+    twice, once = told.patch + 2.0 * told.lasting, told.patch + told.lasting
+    found = [float(one[0]) for one in calibration.pixels_together(surfaces, 640)]
+    assert found == [twice, twice, once, once, twice]
+    # In an image half as wide a square has half the pixels across.
+    small = [replace(one, pixels=0.5 * one.pixels) for one in surfaces]
+    assert [float(one[0]) for one in calibration.pixels_together(small, 320)] == [x / 4.0 for x in found]
+
+
+def test_the_prior_and_a_surfaces_own_place_cost_what_they_should() -> None:
+    """Half a squared deviation each; of points that are all aside by d, where they and the place may be: ½ d² / var."""
+    prior = SHEET.variances
+    at = 0.5 * np.sqrt(prior) * np.arange(1.0, 11.0)
+    wanted = 0.5 * 0.25 * np.sum(np.arange(1.0, 11.0) ** 2)
+    assert calibration._cost([], [], corrected(TOLD, at), at, prior) == pytest.approx(wanted)
+    ahead, aside = TOLD.R_WC[:, 2], 2e-4
+
+    def nearest(points: Array) -> tuple[Array, Array]:
+        return points + aside * ahead, np.tile(-ahead, (len(points), 1))
+
+    pixels = np.array([[80.0 + x, 60.0 + y] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
+    place_std, alone = 0.002, np.ones(9)
+    surface = KnownSurface(pixels, np.ones(9), nearest, place_std)
+    cost = calibration._cost([surface], [alone], (TOLD, 1.0), np.zeros(10), prior)
+    variance = place_std**2 + float(TOLD.depth_noise(np.array(1.0))) ** 2 / 9.0
+    assert cost == pytest.approx(0.5 * aside**2 / variance, rel=0.02)

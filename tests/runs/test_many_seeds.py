@@ -13,7 +13,8 @@ import pytest
 
 from twin_diagram.errors import TwinError
 from twin_diagram.runs import many_seeds
-from twin_diagram.runs.many_seeds import run_seeds, seed_line, tell_seeds
+from twin_diagram.runs.many_seeds import read_back, run_seeds, seed_line, tell_seeds
+from twin_diagram.scenario import Scenario
 
 
 def entry(position: float | None, rotation: float | None, share: float = 1.0) -> dict[str, Any]:
@@ -191,3 +192,12 @@ def test_runs_end_where_nobody_wants_them_any_more(tmp_path: Path, odd_run: None
     summaries.close()  # type: ignore[attr-defined]
     assert not Path("/proc", pid).exists()
     assert {path.name for path in tmp_path.iterdir()} <= {"1", "2", "3"}, "those that had not begun never do"
+
+
+def test_a_run_that_was_stopped_is_made_anew(tmp_path: Path) -> None:
+    plan = Scenario()
+    assert read_back(tmp_path, plan) is None  # and what is asked is kept
+    for stopped, found in (({"stopped": True}, None), ({}, {"seed": 0})):
+        (tmp_path / "summary.json").write_text(json.dumps({"seed": 0} | stopped))
+        assert read_back(tmp_path, plan) == found
+        assert (tmp_path / "summary.json").exists() == (found is not None)

@@ -90,3 +90,14 @@ def test_depth_between_pixels_is_a_surfaces_own() -> None:
     assert edge.mean() < 0.04  # the border alone, and what lies beyond
     # Half a pixel of the table's slope is what the nearest pixel is off by.
     assert off[(found > 0) & ~edge].max() < 0.002 and (found[~edge] == 0).sum() > 50
+
+
+def test_where_the_steps_lead_nowhere_there_is_no_place() -> None:
+    """They end at places whose own map is regular, and which the lens shows elsewhere."""
+    x, y = (np.ravel(a) for a in np.meshgrid(np.linspace(-1.2, 1.2, 25), np.linspace(-0.9, 0.9, 19)))
+    for distortion in ((0.46, -0.561, 0.058, -0.019, 0.048), (-0.588, -0.357, -0.017, 0.068, 0.001)):
+        a, b = undistort(x, y, distortion)
+        there = np.isfinite(a)
+        u, v = distort(a[there], b[there], distortion)
+        np.testing.assert_allclose([u, v], [x[there], y[there]], atol=1e-9)
+        assert 0.05 < there.mean() < 1.0

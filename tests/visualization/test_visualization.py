@@ -320,6 +320,19 @@ def test_a_mesh_with_names_in_another_encoding_becomes_a_ghost_too(vertex: str, 
     assert b"v -0.0015 -0.0015 -0.0015" in contents and b"f 1 2 4" in contents
 
 
+def test_a_mesh_swells_alike_on_all_sides_whatever_its_scale(tmp_path: Path) -> None:
+    file, scale = tmp_path / "link.obj", np.array([2.0, -0.5, 0.001])
+    file.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 100\nf 1 2 3\n")
+    contents = _swollen_mesh(file, scale).source().in_memory().mesh_file.contents().decode()
+    vertices = np.array([line.split()[1:] for line in contents.splitlines() if line.startswith("v ")], dtype=float)
+    np.testing.assert_allclose(np.ptp(vertices, axis=0) * np.abs(scale), [2.003, 0.503, 0.103], rtol=1e-5)
+
+
+def test_shades_end_where_a_condition_does() -> None:
+    time = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
+    assert plots._spans(time, np.array([False, True, True, False, True])) == [(0.5, 1.5), (2.0, 2.0)]
+
+
 @given(st.lists(st.floats(-1, 1), min_size=9, max_size=9))
 def test_ellipsoids_span_the_covariance(numbers: list[float]) -> None:
     root = np.array(numbers).reshape(3, 3)

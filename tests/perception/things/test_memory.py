@@ -1,4 +1,4 @@
-"""Unknown things from above: what of them hardly more than the lid shows still reaches down to the table."""
+"""What is remembered of unknown things: how far down they reach, when they move, when they are gone."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from tests.synthetic_scene import Thing, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import clusters, unexplained
 from twin_diagram.perception.things.growing import picture_of
 from twin_diagram.perception.things.memory import Life, Remembered, observe
+from twin_diagram.signals.layouts import ObjectStatus
 
 DOWN = Pinhole(160, 120, 150.0, np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.0, 1.2]))
 PERCEPTION = scenario.Perception(stride=1, smallest=20)
@@ -42,3 +44,38 @@ def test_a_thing_does_not_stand_on_its_own_lid(height: float) -> None:
     _, support = picture_of(seen, own, np.eye(3), np.zeros(3))
     # A thing's picture keeps the table with it, if any plane: never its lid.
     assert support is None or abs(support.plane[3]) < 0.005
+
+
+BOX = Thing(replace(SUGAR, size=np.array([0.2, 0.14, 0.1])), 1, np.eye(3), np.array([0.5, 0.0, 0.05]))
+
+
+def parted(things: list[Thing], time: float, lost: slice = slice(0)) -> Segments:
+    """A picture taken apart, without depth in some of its columns."""
+    rgb, depth, _ = picture(DOWN, things)
+    depth[:, lost] = 0.0
+    return segment(rgb, depth, time, Grid.of(DOWN, 1), PERCEPTION)
+
+
+def followed(*images: Segments) -> list[ObjectStatus]:
+    """How a thing's status goes on, image by image."""
+    slots, next_identity, statuses = [Remembered()], 1, []
+    for seen in images:
+        after = observe(slots, seen, clusters(seen, unexplained(seen, [])), [], next_identity, Life(0.5, 5.0))
+        slots, next_identity = after.slots, after.next_identity
+        statuses.append(slots[0].thing.status)
+    assert next_identity == 2
+    return statuses
+
+
+def test_a_place_is_empty_once_it_was_seen_so_in_three_images_running() -> None:
+    there, empty = [parted([BOX], 0.1 * k) for k in range(2)], [parted([], 0.2 + 0.1 * k) for k in range(5)]
+    blind = parted([], 0.4, slice(None))
+    told = followed(*there, *empty[:2], replace(blind, time=0.4), *empty[2:])
+    assert ObjectStatus.GONE not in told[:-1] and told[-1] == ObjectStatus.GONE
+
+
+def test_what_is_half_hidden_only_seems_to_move() -> None:
+    moved = replace(BOX, p=BOX.p + [0.05, 0.0, 0.0])
+    begin = [parted([BOX], 0.1 * k) for k in range(2)]
+    assert followed(*begin, parted([BOX], 0.2, slice(80, None)))[-1] == ObjectStatus.TRACKED
+    assert followed(*begin, parted([moved], 0.2))[-1] == ObjectStatus.MOVING

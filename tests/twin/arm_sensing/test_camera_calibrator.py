@@ -101,6 +101,19 @@ def test_an_arm_at_rest_alone_is_looked_at(calibrator: CameraCalibrator) -> None
     assert not calibrator.HasAnyDirectFeedthrough()
 
 
+def test_parts_move_as_fast_as_their_middles_do(calibrator: CameraCalibrator) -> None:
+    parts, rng = calibrator._parts, np.random.default_rng(5)
+    q, v, h = rng.uniform(-1.0, 1.0, 7), rng.uniform(-1.0, 1.0, 7), 1e-6
+    middles = [middle for middle, _ in parts._balls]
+    ends = [
+        np.array([R @ middle + p for (R, p), middle in zip(parts.poses(at), middles, strict=True)])
+        for at in (q - h * v, q + h * v)
+    ]
+    wanted = np.linalg.norm(ends[1] - ends[0], axis=1) / (2.0 * h)
+    np.testing.assert_allclose(parts.speeds(q, v), wanted, rtol=1e-6, atol=1e-8)
+    assert wanted.max() > 0.3
+
+
 def test_where_encoders_were_off_the_camera_is_found_anew() -> None:
     """Images of an arm that was 20 mrad elsewhere than was thought say that the camera is off; it is not."""
     plan = load_scenario("real_camera").twin
