@@ -68,15 +68,17 @@ class AssetSpec:
     inertia: list[float] | None = None
     """Moments about O, its axes: xx, yy, zz, xy, xz, yz [kg·m²]."""
     mass_std: float | None = None
-    """Standard error of the mass, where it was measured [kg]."""
+    """Standard error of the mass, where it was measured, or is a density times a volume that pictures show [kg]."""
     centre_std: list[float] | None = None
-    """Standard errors of where O, the centre of mass, is [m]."""
+    """Standard errors of where O, the centre of mass, is [m]; by the shape alone: of that of an even body, …"""
     inertia_std: list[float] | None = None
-    """Standard errors of `inertia`, in its order [kg·m²]."""
+    """Standard errors of `inertia`, in its order [kg·m²]; … likewise."""
     inertial_by: dict[str, str] | None = None
     """Where `mass`, `centre` and `inertia` are from: `measured`, `partly` or `from shape alone`."""
     volume: float | None = None
     """[m³]"""
+    volume_std: float | None = None
+    """Its standard error, where it was built from pictures [m³]: what no view looks into counts as full."""
     volume_by: str | None = None
     """What volume and inertia were computed from: `surface`, `filling` (of an open one, or of bodies that
     overlap) or `hull`."""

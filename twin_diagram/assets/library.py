@@ -107,7 +107,7 @@ def remove(library: str | Path, name: str) -> list[str]:
 
 def _check_told(spec: AssetSpec, file: Path) -> None:
     """Refuse what a description tells beside shape and mass where it cannot be."""
-    counts = {"origin": 3, "inertia": 6, "centre_std": 3, "inertia_std": 6, "mass_std": 1, "volume": 1}
+    counts = {"origin": 3, "inertia": 6, "centre_std": 3, "inertia_std": 6, "mass_std": 1, "volume": 1, "volume_std": 1}
     for name, count in counts.items():
         told = getattr(spec, name)
         values = np.atleast_1d(np.array([] if told is None else told, dtype=float))

@@ -71,6 +71,24 @@ def test_what_bodies_share_counts_once() -> None:
     assert solid_of(surface_of(bars)).volume == pytest.approx(2 * 0.1 * 0.02**2 - 0.02**3, rel=0.02)
 
 
+def test_bodies_that_overlap_or_touch_are_one_along_rays() -> None:
+    """Two boxes that make a longer one, beside each other, through each other, or twice the same; turned; two balls."""
+    turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
+    for apart in (0.0, 0.05, 0.1):
+        both = trimesh.util.concatenate([box(0.1, 0.06, 0.04), box(0.1, 0.06, 0.04, at=(apart, 0.0, 0.0))])
+        long, due = 0.1 + apart, 1000 * (0.1 + apart) * 0.06 * 0.04
+        solid = solid_of(surface_of(both))
+        assert solid.by == "filling" and solid.volume == pytest.approx(due / 1000, rel=1e-6)
+        np.testing.assert_allclose(solid.centre, [apart / 2, 0, 0], atol=1e-7)
+        np.testing.assert_allclose(solid.inertia(due), box_inertia(due, long, 0.06, 0.04), rtol=1e-5, atol=1e-9)
+        assert solid_of(surface_of(both.apply_transform(turn))).volume == pytest.approx(due / 1000, rel=1e-4)
+    balls = [trimesh.creation.icosphere(subdivisions=5, radius=0.03) for _ in range(2)]
+    balls[1].apply_translation([0.03, 0.0, 0.0])
+    shared = np.pi * (4 * 0.03 + 0.03) * (2 * 0.03 - 0.03) ** 2 / 12
+    solid = solid_of(surface_of(trimesh.util.concatenate(balls)))
+    assert solid.volume == pytest.approx(8 / 3 * np.pi * 0.03**3 - shared, rel=1e-3)
+
+
 def test_bodies_that_do_not_overlap_and_cavities_are_exact() -> None:
     apart = trimesh.util.concatenate([box(0.04, 0.04, 0.04), box(0.04, 0.04, 0.04, at=(0.1, 0.0, 0.0))])
     for mesh, volume in ((apart, 2 * 0.04**3), (hollow_box(), hollow_box().volume)):

@@ -318,6 +318,9 @@ def test_frames_become_an_asset_of_the_library(tmp_path: Path) -> None:
     np.testing.assert_allclose(asset.size, [0.05, 0.04, 0.03], atol=0.0025)  # pixels are 1.2 mm
     spec = read_spec(built.folder)
     assert spec.unseen is not None and 0.1 < spec.unseen < 0.4  # its bottom is a fifth
+    assert spec.volume is not None and spec.volume_std is not None and 0 < spec.volume_std < 0.1 * spec.volume
+    assert spec.mass_std == pytest.approx(500 * spec.volume_std)
+    assert spec.centre_std is not None and max(spec.centre_std) < 0.002 and spec.inertia_std is not None
     texture = read_png(built.folder / "visual.png")
     assert np.median(texture.reshape(-1, 3), axis=0).tolist() == [200, 40, 40]
     shown = asset.normals_O[:, 2] > -0.5  # its bottom takes the colour of what is near

@@ -14,8 +14,10 @@ import numpy as np
 
 from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.from_mesh import AssetPlace, BuiltAsset, build_from_triangles, check_told
+from twin_diagram.assets.building.inertia import enclosed
 from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.assets.building.reconstruct import FrameSource, Reconstruction, reconstruct
+from twin_diagram.assets.building.shape_errors import shape_errors
 from twin_diagram.assets.building.texture_atlas import lay_out, textured
 from twin_diagram.assets.building.write_asset import place_for
 from twin_diagram.errors import AssetError, FramesError
@@ -147,9 +149,14 @@ def asset_of_shape(found: Reconstruction, told: AssetPlace, where: str) -> Built
         f"{100 * found.unseen:.0f} % of the surface was never seen: there it is closed by what nothing contradicts"
     ]
     corners = upright(found)[found.faces]
+    body = enclosed(found.vertices, found.faces, "surface")
+    errors = shape_errors(
+        found.vertices, found.faces, found.views, found.noise, found.doubt, body.centre, upright_pose(found)[0]
+    )
+    notes.append(f"by its shape the volume is known to {100 * errors.volume_std / body.volume:.2g} %")
     try:
         return build_from_triangles(
-            corners, atlas.uv, picture, told, Path(where).name, unseen=float(found.unseen), notes=notes
+            corners, atlas.uv, picture, told, Path(where).name, unseen=float(found.unseen), notes=notes, errors=errors
         )
     except AssetError as error:
         raise AssetError(f"{where}: {error}") from None

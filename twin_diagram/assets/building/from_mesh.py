@@ -18,6 +18,7 @@ from twin_diagram.assets.building.inertia import EvenBody, solid_of
 from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.assets.building.one_texture import one_texture
 from twin_diagram.assets.building.pieces import pieces_of
+from twin_diagram.assets.building.shape_errors import ShapeErrors
 from twin_diagram.assets.building.source_mesh import read_source, z_up
 from twin_diagram.assets.building.surface import Surface, weld, with_normals
 from twin_diagram.assets.building.write_asset import NewAsset, place_for, write_asset
@@ -132,6 +133,7 @@ def build_from_triangles(
     unit: str = "m",
     unseen: float | None = None,
     notes: Sequence[str] = (),
+    errors: ShapeErrors | None = None,
 ) -> BuiltAsset:
     """Make an asset of triangles: weld, weigh, take apart, write.
 
@@ -144,6 +146,7 @@ def build_from_triangles(
         unit: of the source.
         unseen: share of the surface that was never seen, where that is known.
         notes: for people.
+        errors: of volume, centre and moments by its shape, where they are known.
 
     Raises:
         AssetError: triangles without an area; or as of `write_asset`.
@@ -175,6 +178,8 @@ def build_from_triangles(
         unit=unit,
         source=source,
         unseen=unseen,
+        errors=errors,
+        mass_told=told.mass is not None,
         measured=None if measured is None else replace(measured, centre=np.zeros(3)),
     )
     folder = write_asset(new, told.library, told.replace_it)

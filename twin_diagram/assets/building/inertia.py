@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
-from twin_diagram.assets.building.overlap import overlap
+from twin_diagram.assets.building.overlap import balanced, overlap, united
 from twin_diagram.assets.building.surface import Faces, Surface
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
@@ -65,8 +65,8 @@ class EvenBody:
 def solid_of(surface: Surface) -> EvenBody:
     """Return the body within a surface.
 
-    A closed surface is exact, also with cavities, whose walls face inwards. An open one is filled, with small holes
-    closed, and so is one of bodies that overlap; where nothing is inside of it, its convex hull counts.
+    A closed surface is exact, also with cavities, whose walls face inwards. Bodies that overlap or touch are filled as
+    one, along rays. An open surface is filled, with small holes closed; where it holds nothing, its convex hull counts.
 
     Raises:
         AssetError: a sheet, without volume.
@@ -76,6 +76,12 @@ def solid_of(surface: Surface) -> EvenBody:
         solid = enclosed(surface.vertices, surface.faces, "surface")
         if solid.volume > TUNING.flat * hull.volume:
             return solid
+    if len(surface.faces) and balanced(surface.faces):
+        origin = surface.vertices.mean(axis=0)
+        volume, first, second = united(surface.vertices - origin, surface.faces)
+        if volume > TUNING.flat * hull.volume:
+            centre = first / volume
+            return EvenBody(volume, origin + centre, second - volume * np.outer(centre, centre), "filling")
     filled = filling(surface.vertices, surface.faces)
     if filled is not None and filled[1] >= TUNING.least_inside * hull.volume:
         if filled[0].volume <= TUNING.most_filled * hull.volume:

@@ -17,10 +17,12 @@ from twin_diagram.assets.building.decimation import decimated, enclosed_volume
 from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse, without, without_hand, without_remains
 from twin_diagram.assets.building.iso_surface import zero_surface
-from twin_diagram.assets.building.lasting_error import lasting_error
+from twin_diagram.assets.building.lasting_error import TUNING as LASTING
+from twin_diagram.assets.building.lasting_error import lasting_error, one_camera
 from twin_diagram.assets.building.looking_past import check_unseen
 from twin_diagram.assets.building.selection import TUNING as CHOICE
 from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
+from twin_diagram.assets.building.shape_errors import Doubt, unseen_cells
 from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
 from twin_diagram.assets.building.support_plane import find_plane
 from twin_diagram.assets.building.view_poses import AlignedViews, align, doubted
@@ -103,6 +105,7 @@ class Reconstruction:
         plane: (4,) under the object, n·p = d, n up; None where none was found.
         views: windows about the object, at refined poses.
         noise: standard deviation of depth at the object, as found [m].
+        doubt: what may move the surface.
     """
 
     vertices: Array
@@ -112,6 +115,7 @@ class Reconstruction:
     plane: Array | None
     views: list[DepthView]
     noise: float
+    doubt: Doubt
 
 
 def reconstruct(
@@ -173,7 +177,13 @@ def reconstruct(
     count = views_that_see(views, vertices, vertex_normals(vertices, faces))
     unseen = check_unseen(share_unseen(vertices, faces, count), where)
     say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
-    return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise)
+    return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise, _doubt(found, fused))
+
+
+def _doubt(found: AlignedViews, fused: DistanceField) -> Doubt:
+    """Return what may move the surface of what was fused of views."""
+    alike = len(found.views) < LASTING.least_views and one_camera(found.views)
+    return Doubt(found.covariances, found.centre, alike, unseen_cells(fused), fused.grid.voxel**3)
 
 
 def _aligned(

@@ -20,6 +20,7 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.building.flat_faces import flat_faces, flattened
 from twin_diagram.assets.building.inertia import EvenBody, hull_of, outward
 from twin_diagram.assets.building.measured import SIX, MeasuredInertia
+from twin_diagram.assets.building.shape_errors import ShapeErrors
 from twin_diagram.assets.description import TUNING as SDF
 from twin_diagram.assets.description import VERSION, AssetSpec, ConvexFile, sdf
 from twin_diagram.assets.mesh import Image, Mesh, sample, write_obj
@@ -60,6 +61,8 @@ class NewAsset:
         source: the source's name, without a path.
         unseen: share of the surface that was never seen; None where that is not known.
         measured: its inertia in O, whose origin is its centre; None: that of an even body.
+        errors: of volume, centre and moments by its shape; None: not known.
+        mass_told: whether the mass was told, not a density.
     """
 
     name: str
@@ -73,6 +76,8 @@ class NewAsset:
     source: str
     unseen: float | None = None
     measured: MeasuredInertia | None = None
+    errors: ShapeErrors | None = None
+    mass_told: bool = False
 
 
 def place_for(name: str, library: str | Path, replace: bool) -> Path:
@@ -161,6 +166,8 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         source=new.source,
         unseen=new.unseen,
     )
+    if new.errors is not None:
+        _tell_errors_of_shape(spec, new, new.errors)
     if new.measured is not None:
         _tell_errors(spec, new.measured)
     (folder / "model.xml").write_text(mjcf(spec, np.zeros(3), inertia, [file.name for file in files]))
@@ -170,6 +177,16 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         path: hashlib.sha256((folder / path).read_bytes()).hexdigest() for path in written_files.files_of(folder)
     }
     (folder / "asset.yaml").write_text(yaml_dump_typed(spec))
+
+
+def _tell_errors_of_shape(spec: AssetSpec, new: NewAsset, errors: ShapeErrors) -> None:
+    """Put into a description how well an even body's numbers are known by its shape."""
+    spec.volume_std = errors.volume_std
+    if new.measured is None:
+        if not new.mass_told:
+            spec.mass_std = new.mass / new.solid.volume * errors.volume_std
+        spec.centre_std = [float(x) for x in errors.centre_std(new.solid.volume)]
+        spec.inertia_std = [float(x) for x in errors.inertia_std(new.solid, new.mass, new.mass_told)]
 
 
 def _tell_errors(spec: AssetSpec, measured: MeasuredInertia) -> None:

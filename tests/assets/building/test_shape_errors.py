@@ -1,0 +1,84 @@
+"""How far volume, centre and moments may be off: against what is known of a box, and against a cup's truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.assets.building.pictured import box, cameras, cup, shots
+from twin_diagram.assets.building.depth_view import make_view
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid
+from twin_diagram.assets.building.inertia import enclosed
+from twin_diagram.assets.building.reconstruct import reconstruct
+from twin_diagram.assets.building.shape_errors import Doubt, ShapeErrors, shape_errors, unseen_cells
+from twin_diagram.logs.frames.view_camera import ViewCamera
+
+SIZE = (0.06, 0.04, 0.03)
+VOLUME = 0.06 * 0.04 * 0.03
+
+
+def from_above(covariance: np.ndarray, places: np.ndarray, cell: float) -> ShapeErrors:
+    """Errors of a box of which a camera straight above shows the top."""
+    R = np.diag([1.0, -1.0, -1.0])
+    camera = ViewCamera(200, 160, 300.0, 300.0, 99.5, 79.5, R, np.array([0.0, 0.0, 0.38]))
+    frame = shots([box(SIZE)], [camera]).frames[0]
+    mesh = box(SIZE)
+    for _ in range(5):
+        mesh = mesh.subdivide()
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    centre = np.array([0.0, 0.0, 0.015])
+    doubt = Doubt(covariance[None], centre, False, places, cell)
+    return shape_errors(vertices, faces, [make_view(camera, frame.depth)], 1e-9, doubt, centre, np.eye(3))
+
+
+def test_a_pose_that_is_not_known_moves_what_its_view_shows() -> None:
+    found = from_above(np.diag([0, 0, 0, 0, 0, 0.001**2]), np.zeros((0, 3)), 0.0)
+    assert found.volume_std == pytest.approx(0.06 * 0.04 * 0.001, rel=0.05)
+    assert found.centre_std(VOLUME)[2] == pytest.approx(0.001 / 2, rel=0.05)  # half of the height that is gained
+    solid = enclosed(*(np.asarray(part) for part in (box(SIZE).vertices, box(SIZE).faces)), "surface")
+    # About y (x² and z²), of a slab that grew on top; of a told mass, all of it grows lighter.
+    gained = 1.0 / VOLUME * SIZE[0] * SIZE[1] * 0.001 * (SIZE[0] ** 2 / 12 + (SIZE[2] / 2) ** 2)
+    by_density, told = (found.inertia_std(solid, 1.0, told)[1] for told in (False, True))
+    assert by_density == pytest.approx(gained, rel=0.06)
+    assert told == pytest.approx(abs(gained - solid.inertia(1.0)[1, 1] * 0.001 / SIZE[2]), rel=0.06)
+
+
+def test_what_no_view_told_of_may_be_empty() -> None:
+    places = np.array([[0.0, 0.0, 0.02]] * 100)
+    found = from_above(np.zeros((6, 6)), places, 1e-9)
+    assert found.volume_std == pytest.approx(1e-7 / np.sqrt(3), rel=1e-3)
+    assert found.centre_std(VOLUME)[2] == pytest.approx(0.005 * 1e-7 / np.sqrt(3) / VOLUME, rel=1e-3)
+
+
+def test_unseen_cells_lie_between_free_ones_not_deep_within() -> None:
+    distance = np.full((30, 30, 30), -0.004, np.float32)
+    known = np.zeros(distance.shape, bool)
+    for axis in range(3):  # a closed shell of what was seen, 2 cells thick, of a cube
+        for end in (slice(0, 5), slice(25, 30)):
+            where = [slice(None)] * 3
+            where[axis] = end
+            distance[tuple(where)], known[tuple(where)] = 0.004, True
+    shell = np.zeros(distance.shape, bool)
+    shell[5:25, 5:25, 5:25] = True
+    shell[7:23, 7:23, 7:23] = False
+    distance[shell], known[shell] = -0.001, True
+    grid = FusionGrid(np.zeros(3), 0.001, distance.shape)
+    assert not len(unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known)))
+    known[12:18, 12:18, 5:7] = False  # a hole into which no view looked
+    at = unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known))
+    assert 0 < len(at) <= 72 and (np.abs(at[:, :2] - 0.0145) < 0.003).all() and at[:, 2].max() < 0.0085
+
+
+@pytest.mark.slow
+def test_a_cups_volume_lies_within_what_is_told() -> None:
+    taken = shots([cup()], cameras(8, 0.025))
+    rng = np.random.default_rng(0)
+    wrong = taken.told(
+        [np.append(rng.normal(0, 0.002, 3), rng.normal(0, 0.0012, 3)) for _ in taken.frames], np.zeros(3)
+    )
+    found = reconstruct(wrong)
+    body = enclosed(found.vertices, found.faces, "surface")
+    errors = shape_errors(found.vertices, found.faces, found.views, found.noise, found.doubt, body.centre, np.eye(3))
+    true = trimesh.Trimesh(cup().vertices, cup().faces).volume
+    assert abs(body.volume - true) < 2 * errors.volume_std < 0.5 * true

@@ -1,0 +1,158 @@
+"""How far volume, centre and moments of a reconstructed body may be off: by poses, by depth, by what no view told of.
+
+All three move the surface along its normals. A move u(p) changes the volume by ∮ u dA, its first moments by ∮ u p dA,
+its second ones by ∮ u p pᵀ dA: linear in the views' twists, so their covariances become that of the body's numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from twin_diagram.assets.building.colouring import worth
+from twin_diagram.assets.building.depth_view import DepthView
+from twin_diagram.assets.building.fusion import DistanceField
+from twin_diagram.assets.building.inertia import EvenBody
+from twin_diagram.assets.building.measured import SIX
+from twin_diagram.assets.building.smoothing import vertex_normals
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module."""
+
+    rounds: int = 60
+    """Of means over neighbours, by which what is around closes what no view told of: it reaches 4 or 5 voxels in."""
+
+    limit: float = 2.0
+    """Distances from the surface that count most in such means [voxels]: as far in as out."""
+
+    patches: float = 10.0
+    """Patches of a view's surface with errors of their own: depth noise is correlated over many pixels."""
+
+
+TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What may move a reconstructed surface.
+
+    Attributes:
+        covariances: (n, 6, 6) of the views' twists about `centre` (rotation, translation) [rad, m].
+        centre: (3,) in W [m].
+        alike: whether what depth has wrong at the same pixels of all views was left in.
+        places: (M, 3) in W of cells that count as full though no view told of them, and what is around would not [m].
+        cell: volume of each [m³].
+    """
+
+    covariances: Array
+    centre: Array
+    alike: bool
+    places: Array
+    cell: float
+
+
+@dataclass(frozen=True)
+class ShapeErrors:
+    """Covariance (10, 10) of a body's volume [m³] and, about a point, first (3) [m⁴] and second moments (6) [m⁵]."""
+
+    covariance: Array
+
+    @property
+    def volume_std(self) -> float:
+        """Standard error of the volume [m³]."""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    def centre_std(self, volume: float) -> Array:
+        """Return standard errors (3,) of the centre of a body of that volume, even within [m]."""
+        return np.sqrt(np.diag(self.covariance)[1:4]) / volume
+
+    def inertia_std(self, solid: EvenBody, mass: float, told: bool) -> Array:
+        """Return standard errors (6,) of its moments [kg·m²]; `told`: the mass is known, else the density."""
+        change = np.zeros((6, 10))
+        for row, (i, j) in enumerate(SIX):
+            change[row, 4 + row] -= 1.0
+            if i == j:
+                change[row, 4:7] += 1.0
+        change *= mass / solid.volume
+        if told:
+            inertia = solid.inertia(mass)
+            change[:, 0] -= np.array([inertia[i, j] for i, j in SIX]) / solid.volume
+        return np.asarray(np.sqrt(np.einsum("ri,ij,rj->r", change, self.covariance, change)))
+
+
+def unseen_cells(field: DistanceField) -> Array:
+    """Return places (M, 3) of cells that are inside only because no view told of them.
+
+    Were they given the mean of their neighbours, over and over, they would be outside.
+    """
+    unknown = ~field.known & (field.distance < 0)
+    if not unknown.any():
+        return np.zeros((0, 3))
+    at = np.argwhere(unknown)
+    low = np.maximum(at.min(axis=0) - 1, 0)
+    own = tuple(slice(a, b) for a, b in zip(low, at.max(axis=0) + 2, strict=True))
+    limit = np.float32(TUNING.limit * field.grid.voxel)
+    mean, which = np.clip(field.distance[own], -limit, limit), unknown[own]
+    for _ in range(TUNING.rounds):
+        padded = np.pad(mean, 1, mode="edge")
+        around = padded[2:, 1:-1, 1:-1] + padded[:-2, 1:-1, 1:-1]
+        around += padded[1:-1, 2:, 1:-1] + padded[1:-1, :-2, 1:-1]
+        around += padded[1:-1, 1:-1, 2:] + padded[1:-1, 1:-1, :-2]
+        mean = np.where(which, around / np.float32(6.0), mean)
+    return field.grid.origin + field.grid.voxel * (low + np.argwhere(which & (mean > 0)))
+
+
+def shape_errors(
+    vertices: Array,
+    faces: npt.NDArray[np.int64],
+    views: Sequence[DepthView],
+    noise: float,
+    doubt: Doubt,
+    about: Array,
+    R: Array,
+) -> ShapeErrors:
+    """Return the errors of a body's numbers about a point, in axes turned by R (3, 3): p' = R p.
+
+    Args:
+        vertices: of its surface (V, 3) in W [m].
+        faces: (F, 3), counter-clockwise from outside.
+        views: n that showed it.
+        noise: standard deviation of depth [m].
+        doubt: what may move it.
+        about: (3,) in W [m].
+        R: of the axes in which numbers are told.
+    """
+    normals = vertex_normals(vertices, faces)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = np.bincount(faces.ravel(), np.repeat(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6, 3), len(vertices))
+    moved = area[:, None] * _numbers((vertices - about) @ R.T)  # (V, 10) by a metre along the normal
+    J = np.hstack([np.cross(vertices - doubt.centre, normals), normals])
+    shares = np.array([worth(view, vertices, normals) for view in views])
+    for share, covariance in zip(shares, doubt.covariances, strict=True):
+        share /= 1.0 + np.einsum("vi,ij,vj->v", J, covariance, J) / noise**2
+    shares /= np.maximum(shares.sum(axis=0), 1e-300)
+    total = np.zeros((10, 10))
+    by_depth = np.zeros((10, 10))
+    for share, covariance in zip(shares, doubt.covariances, strict=True):
+        G = moved.T @ (share[:, None] * J)
+        total += G @ covariance @ G.T
+        of_depth = moved * share[:, None]
+        by_depth += of_depth.T @ of_depth * max(1, np.count_nonzero(share)) / TUNING.patches
+    if doubt.alike:
+        seen = moved[shares.sum(axis=0) > 0].sum(axis=0)
+        by_depth += np.outer(seen, seen) / TUNING.patches
+    # Of what no view told of any share may be full: a number between 0 and 1 is 1 off by √⅓ in the mean square.
+    hollow = doubt.cell * _numbers((doubt.places - about) @ R.T).sum(axis=0)
+    return ShapeErrors(total + noise**2 * by_depth + np.outer(hollow, hollow) / 3.0)
+
+
+def _numbers(points: Array) -> Array:
+    """Return 1, p and the products of p (N, 10) in the order of `SIX`."""
+    products = np.stack([points[:, i] * points[:, j] for i, j in SIX], axis=1)
+    return np.hstack([np.ones((len(points), 1)), points, products])
