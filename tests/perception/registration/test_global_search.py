@@ -13,6 +13,7 @@ import pytest
 from tests.registration_bench import TABLE, frame, model, turn, view
 from twin_diagram import scenario
 from twin_diagram.perception.registration import global_search
+from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.global_search import (
     Found,
@@ -23,6 +24,7 @@ from twin_diagram.perception.registration.global_search import (
     nearby,
     search,
     starts,
+    with_colours_beside,
 )
 from twin_diagram.perception.registration.point_kernels import COARSE
 from twin_diagram.perception.registration.registration import RegisteredPose
@@ -187,6 +189,16 @@ def test_around_a_rough_pose_starts_lie_where_points_lead_and_3_cm_about(monkeyp
     assert shifts == {(x, y, 0.0) for x in (-0.03, 0.0, 0.03) for y in (-0.03, 0.0, 0.03)}
     np.testing.assert_array_equal(laid.R[13:], np.repeat(R[None], 9, axis=0))
     np.testing.assert_allclose(prior**-0.5, [0.2] * 3 + [0.03] * 3)
+
+
+@pytest.mark.parametrize("each", [4.0, 12.0])
+def test_colours_count_more_beside_depth_whose_points_err_alike(monkeypatch: pytest.MonkeyPatch, each: float) -> None:
+    monkeypatch.setattr(global_search, "votes", lambda *_: each)
+    rough = Poses(np.eye(3)[None], np.array([[0.0, 0.0, 0.02]]))
+    share = with_colours_beside(model(), frame(), rough, PARAMS).colour_weight
+    assert share / (1.0 - share) == pytest.approx(0.3 / 0.7 * each / 4.0)
+    aside = replace(frame(), shift=ColourShift.told(2.0))
+    assert with_colours_beside(model(), aside, rough, PARAMS) is PARAMS, "what lies aside pulls no harder"
 
 
 # Which start is the best.

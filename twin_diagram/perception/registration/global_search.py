@@ -16,14 +16,15 @@ from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.perception.registration.alternatives import PoseHypothesis
+from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
+from twin_diagram.perception.registration.alternatives import PoseHypothesis, votes
 from twin_diagram.perception.registration.approach import approach, rivals
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_shift import learnt
-from twin_diagram.perception.registration.data_association import Poses
+from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.point_kernels import COARSE
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.registration import RegisteredPose, information, refine, register
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.settling import settle
@@ -255,6 +256,7 @@ def nearby(
     """
     every = max(1, len(points_W) // TUNING.thin)
     thin = points_W[::every]
+    params = with_colours_beside(model, frame, Poses(R[None], p[None]), params)
     start, prior = Poses(R[None], p[None]), information(0.3, 0.05)
     near, weight = approach(model, thin, normals_W[::every], start, prior)
     laid = rivals(near, weight)
@@ -267,6 +269,26 @@ def nearby(
         return None
     result = settle(model, frame, [found.registration, *found.others], thin, params)
     return replace(found, registration=result.registration, hypotheses=result.hypotheses)
+
+
+def with_colours_beside(
+    model: ModelCloud, frame: Frame, rough: Poses, params: scenario.Registration
+) -> scenario.Registration:
+    """Return a tuning in which colours count as much more beside depth as more of its points err alike than usual.
+
+    Only where it is certain that they lie on depth's pixels.
+
+    Args:
+        model: the object.
+        frame: the image.
+        rough: about one pose.
+        params: tuning.
+    """
+    if not frame.shift.certain:
+        return params
+    share = votes(look(model, frame, rough, params.model_points, FINE), frame, model.spacing)
+    colours = params.colour_weight * share / ALTERNATIVES.fewest
+    return replace(params, colour_weight=colours / (1.0 - params.colour_weight + colours))
 
 
 def best_of(
