@@ -23,6 +23,7 @@ from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_shift import learnt
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.height import extent
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.registration import RegisteredPose, information, refine, register
@@ -71,6 +72,9 @@ class Tuning:
 
     least_points: int = 60
     """Nor one of which fewer model points fit."""
+
+    upon: float = 0.02
+    """What begins higher above the table may lie on something [m]: of what stands there noise and shadows hide less."""
 
     alignments: int = 3
     """Colours are aligned to depth in so many steps, of two pixels at most."""
@@ -150,6 +154,8 @@ def _down(normal: Array) -> Array:
 def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[tuple[Array, float]]) -> Poses:
     """Return the poses at rest on the table whose visible points would have the segment's centre.
 
+    Where the segment begins above the table, as many rest as high as it begins: on a box's lid, all of which it hides.
+
     Where the segment is narrower than the object should appear (something hides a part of it), or wider (two things are
     in one segment), more are laid to the left and right of the line of sight.
     """
@@ -177,6 +183,9 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
     p = np.concatenate([p, left, right])
     height = np.concatenate([height, height[far], height[far]])
     p[:, 2] = frame.table[0] * p[:, 0] + frame.table[1] * p[:, 1] + frame.table[2] + height
+    low, _ = extent(points_W, frame.table)
+    if low > TUNING.upon:
+        R, p = np.concatenate([R, R]), np.concatenate([p, p + [0.0, 0.0, low]])
     return Poses(R, p)
 
 
