@@ -28,6 +28,7 @@ from twin_diagram.perception.registration.global_search import (
 )
 from twin_diagram.perception.registration.point_kernels import COARSE
 from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.segmentation.planes import Plane
 
 Array = npt.NDArray[np.float64]
 PARAMS = scenario.Registration()
@@ -91,6 +92,17 @@ def test_what_reaches_down_to_the_table_is_looked_for_on_it_alone() -> None:
     points = np.random.default_rng(2146).uniform(-0.05, 0.05, (4000, 3)) + [0.0, 0.0, 0.06]
     found = starts(model(), frame(), points, [(np.eye(3), 0.06)])
     np.testing.assert_allclose(found.p[:, 2], found.p[:, :2] @ TABLE[:2] + TABLE[2] + 0.06)
+
+
+def test_what_stands_on_a_lid_that_is_part_of_its_segment_is_looked_for_there() -> None:
+    normal = np.array([-TABLE[0], -TABLE[1], 1.0]) / np.linalg.norm([-TABLE[0], -TABLE[1], 1.0])
+    lid, top = (Plane(normal, (TABLE[2] + up) * normal[2], 0.01, 0) for up in (0.05, 0.11))
+    points = np.random.default_rng(2147).uniform(-0.05, 0.05, (4000, 3)) + [0.0, 0.0, 0.06]
+    points[:, 2] += points[:, :2] @ TABLE[:2]
+    for planes, wanted in (((lid, top), [0.0, 0.05]), ((top,), [0.0]), ((replace(lid, part=-1),), [0.0])):
+        found = starts(model(), replace(frame(), planes=planes), points, [(np.eye(3), 0.06)])
+        above = found.p[:, 2] - found.p[:, :2] @ TABLE[:2] - TABLE[2] - 0.06
+        np.testing.assert_allclose(np.unique(np.round(above, 2)), wanted, atol=1e-9)
 
 
 def found_at(p: Any = (0.0, 0.0, 0.0), **changes: Any) -> RegisteredPose:

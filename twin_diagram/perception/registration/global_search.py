@@ -25,6 +25,7 @@ from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.height import extent
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.outline import height_above
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.registration import RegisteredPose, information, refine, register
 from twin_diagram.perception.registration.rotation import exp
@@ -75,6 +76,9 @@ class Tuning:
 
     upon: float = 0.02
     """What begins higher above the table may lie on something [m]: of what stands there noise and shadows hide less."""
+
+    flat: float = 0.003
+    """Points this near to a lid are its own [m]."""
 
     alignments: int = 3
     """Colours are aligned to depth in so many steps, of two pixels at most."""
@@ -155,6 +159,7 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
     """Return the poses at rest on the table whose visible points would have the segment's centre.
 
     Where the segment begins above the table, as many rest as high as it begins: on a box's lid, all of which it hides.
+    Where a lid is part of it, as many rest on that.
 
     Where the segment is narrower than the object should appear (something hides a part of it), or wider (two things are
     in one segment), more are laid to the left and right of the line of sight.
@@ -183,10 +188,23 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
     p = np.concatenate([p, left, right])
     height = np.concatenate([height, height[far], height[far]])
     p[:, 2] = frame.table[0] * p[:, 0] + frame.table[1] * p[:, 1] + frame.table[2] + height
-    low, _ = extent(points_W, frame.table)
-    if low > TUNING.upon:
-        R, p = np.concatenate([R, R]), np.concatenate([p, p + [0.0, 0.0, low]])
+    raised = _raised(frame, points_W)
+    if raised:
+        R, p = np.concatenate([R] * (1 + len(raised))), np.concatenate([p, *(p + [0.0, 0.0, up] for up in raised)])
     return Poses(R, p)
+
+
+def _raised(frame: Frame, points_W: Array) -> list[float]:
+    """Return how high above the table a segment may lie: as high as it begins, and on lids that are part of it [m]."""
+    low, top = extent(points_W, frame.table)
+    found = [low] if low > TUNING.upon else []
+    for plane in frame.planes:
+        on = points_W[np.abs(plane.height(points_W)) < TUNING.flat]
+        if plane.part >= 0 and len(on) >= TUNING.least_points:
+            up = float(np.median(height_above(frame.table, on)))
+            if low + TUNING.upon < up < top - TUNING.upon:
+                found.append(up)
+    return found
 
 
 def explained(model: ModelCloud, points_W: Array, registration: RegisteredPose, reach: float = 0.008) -> float:
