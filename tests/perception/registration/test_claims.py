@@ -23,6 +23,11 @@ def told(correlated_share: float, lasting: float) -> Any:
     return replace(frame(), camera=replace(frame().camera, depth_noise=sheet))
 
 
+def test_of_colours_that_weigh_more_more_is_error() -> None:
+    assert claims.colours_alike(0.3) == pytest.approx(4.0)
+    assert claims.colours_alike(1.2 / 1.9) == pytest.approx(8.0), "four times the odds, twice the error"
+
+
 @pytest.mark.parametrize("sigma", [1.5, 2.5, 6.0])
 def test_the_sum_over_pairs_is_that_of_a_gaussian_correlation(sigma: float) -> None:
     rng = np.random.default_rng(4)

@@ -13,6 +13,7 @@ import pytest
 from tests.registration_bench import TABLE, frame, model, turn, view
 from twin_diagram import scenario
 from twin_diagram.perception.registration import global_search
+from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.global_search import (
     Found,
@@ -23,9 +24,11 @@ from twin_diagram.perception.registration.global_search import (
     nearby,
     search,
     starts,
+    with_colours_beside,
 )
 from twin_diagram.perception.registration.point_kernels import COARSE
 from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.segmentation.planes import Plane
 
 Array = npt.NDArray[np.float64]
 PARAMS = scenario.Registration()
@@ -72,12 +75,34 @@ def test_starts_stand_on_the_table_with_their_visible_points_about_the_segments_
                     for rows, sign in zip(aside, (1.0, -1.0), strict=True):
                         rows.append((R, p + ((low + high) / 2.0 + sign * slack / 2.0) * side, height))
         rows = wanted + aside[0] + aside[1]
-        assert len(found.p) == len(rows)
+        # What begins this high may lie on something: as many starts are laid there.
+        low = np.percentile(points[:, 2] - np.column_stack([points[:, :2], np.ones(len(points))]) @ TABLE, 2.0)
+        assert low > 0.02 and len(found.p) == 2 * len(rows)
+        np.testing.assert_allclose(found.R[len(rows) :], found.R[: len(rows)])
+        np.testing.assert_allclose(found.p[len(rows) :], found.p[: len(rows)] + [0.0, 0.0, low])
+        found = found[: len(rows)]
         assert len(rows) == count or width == 0.12
         for R, p, (R_wanted, p_wanted, height) in zip(found.R, found.p, rows, strict=True):
             np.testing.assert_allclose(R, R_wanted, atol=1e-9)
             np.testing.assert_allclose(p[:2], p_wanted[:2], atol=1e-9)
             assert p[2] == pytest.approx(TABLE @ [p[0], p[1], 1.0] + height)
+
+
+def test_what_reaches_down_to_the_table_is_looked_for_on_it_alone() -> None:
+    points = np.random.default_rng(2146).uniform(-0.05, 0.05, (4000, 3)) + [0.0, 0.0, 0.06]
+    found = starts(model(), frame(), points, [(np.eye(3), 0.06)])
+    np.testing.assert_allclose(found.p[:, 2], found.p[:, :2] @ TABLE[:2] + TABLE[2] + 0.06)
+
+
+def test_what_stands_on_a_lid_that_is_part_of_its_segment_is_looked_for_there() -> None:
+    normal = np.array([-TABLE[0], -TABLE[1], 1.0]) / np.linalg.norm([-TABLE[0], -TABLE[1], 1.0])
+    lid, top = (Plane(normal, (TABLE[2] + up) * normal[2], 0.01, 0) for up in (0.05, 0.11))
+    points = np.random.default_rng(2147).uniform(-0.05, 0.05, (4000, 3)) + [0.0, 0.0, 0.06]
+    points[:, 2] += points[:, :2] @ TABLE[:2]
+    for planes, wanted in (((lid, top), [0.0, 0.05]), ((top,), [0.0]), ((replace(lid, part=-1),), [0.0])):
+        found = starts(model(), replace(frame(), planes=planes), points, [(np.eye(3), 0.06)])
+        above = found.p[:, 2] - found.p[:, :2] @ TABLE[:2] - TABLE[2] - 0.06
+        np.testing.assert_allclose(np.unique(np.round(above, 2)), wanted, atol=1e-9)
 
 
 def found_at(p: Any = (0.0, 0.0, 0.0), **changes: Any) -> RegisteredPose:
@@ -187,6 +212,16 @@ def test_around_a_rough_pose_starts_lie_where_points_lead_and_3_cm_about(monkeyp
     assert shifts == {(x, y, 0.0) for x in (-0.03, 0.0, 0.03) for y in (-0.03, 0.0, 0.03)}
     np.testing.assert_array_equal(laid.R[13:], np.repeat(R[None], 9, axis=0))
     np.testing.assert_allclose(prior**-0.5, [0.2] * 3 + [0.03] * 3)
+
+
+@pytest.mark.parametrize("each", [4.0, 12.0])
+def test_colours_count_more_beside_depth_whose_points_err_alike(monkeypatch: pytest.MonkeyPatch, each: float) -> None:
+    monkeypatch.setattr(global_search, "votes", lambda *_: each)
+    rough = Poses(np.eye(3)[None], np.array([[0.0, 0.0, 0.02]]))
+    share = with_colours_beside(model(), frame(), rough, PARAMS).colour_weight
+    assert share / (1.0 - share) == pytest.approx(0.3 / 0.7 * each / 4.0)
+    aside = replace(frame(), shift=ColourShift.told(2.0))
+    assert with_colours_beside(model(), aside, rough, PARAMS) is PARAMS, "what lies aside pulls no harder"
 
 
 # Which start is the best.

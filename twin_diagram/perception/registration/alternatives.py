@@ -18,7 +18,7 @@ import numpy.typing as npt
 from twin_diagram.assets import symmetry
 from twin_diagram.perception.depth_noise import TUNING as DEPTH
 from twin_diagram.perception.registration.assessment import TUNING as ASSESSMENT
-from twin_diagram.perception.registration.claims import TUNING as CLAIMS
+from twin_diagram.perception.registration.claims import colours_alike
 from twin_diagram.perception.registration.cloud_kernels import mean_costs
 from twin_diagram.perception.registration.data_association import Looked, Poses, look
 from twin_diagram.perception.registration.frame import Frame
@@ -201,7 +201,7 @@ def weak_directions(looked: Looked, frame: Frame, votes_each: float, colour_shar
     Hc = np.zeros((6, 6))
     if colour_share > 0.0 and looked.coloured:
         colours = colour_terms(looked, frame, FINE, TUNING.reach, colour_share).without_shift(frame.shift)
-        Hc = colours.H[0] / CLAIMS.colours_alike * both
+        Hc = colours.H[0] / colours_alike(colour_share) * both
     values, ways = np.linalg.eigh(H + Hc)
     deviation = 1.0 / np.sqrt(np.maximum(values, 1e-6))
     found = []

@@ -14,6 +14,7 @@ from twin_diagram.perception.pinhole import DepthImage, Pinhole
 from twin_diagram.perception.registration.colour_kernels import curvature_counts, masked, plain_colours, shared_out
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
 from twin_diagram.perception.registration.point_kernels import Images, LooksFrom, NoiseLaw
+from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
@@ -58,6 +59,7 @@ class Frame:
         past: (h, w) at every `stride`-th pixel, where nothing stands and something is seen.
         colour_slopes: squared length of the colours' derivatives that the image's noise makes [1/px²]: fine, coarse.
         shift: how far the colours lie beside depth, as far as that is known.
+        planes: on which things can stand, the table first.
     """
 
     camera: Pinhole
@@ -71,6 +73,7 @@ class Frame:
     past: Mask
     colour_slopes: tuple[float, ...] = (0.0, 0.0)
     shift: ColourShift = ALIGNED
+    planes: tuple[Plane, ...] = ()
 
     @staticmethod
     def of(segments: Segments, shift: ColourShift = ALIGNED) -> Frame:
@@ -110,6 +113,7 @@ class Frame:
             past=label == SEGMENTS.background,
             colour_slopes=noise_slopes(segments.rgb[v0:v1, u0:u1]),
             shift=shift,
+            planes=segments.planes,
         )
 
     @cached_property

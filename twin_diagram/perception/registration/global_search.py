@@ -16,14 +16,17 @@ from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.perception.registration.alternatives import PoseHypothesis
+from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
+from twin_diagram.perception.registration.alternatives import PoseHypothesis, votes
 from twin_diagram.perception.registration.approach import approach, rivals
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_shift import learnt
-from twin_diagram.perception.registration.data_association import Poses
+from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
+from twin_diagram.perception.registration.height import extent
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.point_kernels import COARSE
+from twin_diagram.perception.registration.outline import height_above
+from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.registration import RegisteredPose, information, refine, register
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.settling import settle
@@ -70,6 +73,12 @@ class Tuning:
 
     least_points: int = 60
     """Nor one of which fewer model points fit."""
+
+    upon: float = 0.02
+    """What begins higher above the table may lie on something [m]: of what stands there noise and shadows hide less."""
+
+    flat: float = 0.003
+    """Points this near to a lid are its own [m]."""
 
     alignments: int = 3
     """Colours are aligned to depth in so many steps, of two pixels at most."""
@@ -149,6 +158,9 @@ def _down(normal: Array) -> Array:
 def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[tuple[Array, float]]) -> Poses:
     """Return the poses at rest on the table whose visible points would have the segment's centre.
 
+    Where the segment begins above the table, as many rest as high as it begins: on a box's lid, all of which it hides.
+    Where a lid is part of it, as many rest on that.
+
     Where the segment is narrower than the object should appear (something hides a part of it), or wider (two things are
     in one segment), more are laid to the left and right of the line of sight.
     """
@@ -176,7 +188,23 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
     p = np.concatenate([p, left, right])
     height = np.concatenate([height, height[far], height[far]])
     p[:, 2] = frame.table[0] * p[:, 0] + frame.table[1] * p[:, 1] + frame.table[2] + height
+    raised = _raised(frame, points_W)
+    if raised:
+        R, p = np.concatenate([R] * (1 + len(raised))), np.concatenate([p, *(p + [0.0, 0.0, up] for up in raised)])
     return Poses(R, p)
+
+
+def _raised(frame: Frame, points_W: Array) -> list[float]:
+    """Return how high above the table a segment may lie: as high as it begins, and on lids that are part of it [m]."""
+    low, top = extent(points_W, frame.table)
+    found = [low] if low > TUNING.upon else []
+    for plane in frame.planes:
+        on = points_W[np.abs(plane.height(points_W)) < TUNING.flat]
+        if plane.part >= 0 and len(on) >= TUNING.least_points:
+            up = float(np.median(height_above(frame.table, on)))
+            if low + TUNING.upon < up < top - TUNING.upon:
+                found.append(up)
+    return found
 
 
 def explained(model: ModelCloud, points_W: Array, registration: RegisteredPose, reach: float = 0.008) -> float:
@@ -255,6 +283,7 @@ def nearby(
     """
     every = max(1, len(points_W) // TUNING.thin)
     thin = points_W[::every]
+    params = with_colours_beside(model, frame, Poses(R[None], p[None]), params)
     start, prior = Poses(R[None], p[None]), information(0.3, 0.05)
     near, weight = approach(model, thin, normals_W[::every], start, prior)
     laid = rivals(near, weight)
@@ -267,6 +296,26 @@ def nearby(
         return None
     result = settle(model, frame, [found.registration, *found.others], thin, params)
     return replace(found, registration=result.registration, hypotheses=result.hypotheses)
+
+
+def with_colours_beside(
+    model: ModelCloud, frame: Frame, rough: Poses, params: scenario.Registration
+) -> scenario.Registration:
+    """Return a tuning in which colours count as much more beside depth as more of its points err alike than usual.
+
+    Only where it is certain that they lie on depth's pixels.
+
+    Args:
+        model: the object.
+        frame: the image.
+        rough: about one pose.
+        params: tuning.
+    """
+    if not frame.shift.certain:
+        return params
+    share = votes(look(model, frame, rough, params.model_points, FINE), frame, model.spacing)
+    colours = params.colour_weight * share / ALTERNATIVES.fewest
+    return replace(params, colour_weight=colours / (1.0 - params.colour_weight + colours))
 
 
 def best_of(
