@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.errors import LogError, ModelError, TwinError, expect_path
+from twin_diagram.errors import LogError, TwinError, expect_path
 from twin_diagram.gap.correction.held_out_evidence import confirmed
 from twin_diagram.gap.experiments import advice as texts
 from twin_diagram.gap.experiments.trajectories import Experiment, design, visited
@@ -46,6 +46,7 @@ from twin_diagram.runtime.output_place import why_not
 from twin_diagram.runtime.stages import Stages
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.runtime.version import __version__
+from twin_diagram.scenario import resources
 
 Say = Callable[[str], None]
 
@@ -153,6 +154,8 @@ def run_gap(
     say, begin = Stages(STAGES, say or (lambda text: None)), time.perf_counter()
     if out is not None and (why := why_not(out, folder=True)):
         raise TwinError(f"--out {out}: {why}")
+    expect_path(model, "model", "a URDF, SDF or MJCF file, or of a corrected model's folder")
+    model = resources.resolve(str(model), packages)
     say("reading the logs")
     given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants, joints)
     notes += torque_sense.checked(given, logs)
@@ -178,7 +181,7 @@ def run_gap(
     )
     if out is not None:
         say("writing the report")
-        write(gap, Path(out), _called(Path(model)))
+        write(gap, Path(out), _called(model))
     return gap
 
 
@@ -296,12 +299,9 @@ def _read(
     constants: TorqueConstants | None = None,
     joints: Sequence[str] = (),
 ) -> tuple[Model, list[Log], Log, list[str]]:
-    expect_path(model, "model", "a URDF, SDF or MJCF file, or of a corrected model's folder")
     fit = [fit] if isinstance(fit, (str, Path)) else fit
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
-    if not Path(model).exists():
-        raise ModelError(f"{model}: no such file or folder")
     given, first, warnings = load_model_for(read_log(fit[0], columns), model, packages, torque_side, constants, joints)
     logs = _stretches(first, warnings)
     for path in fit[1:]:  # one at a time: each may be as large as all that is kept of them
