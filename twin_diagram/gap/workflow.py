@@ -154,13 +154,11 @@ def run_gap(
     say, begin = Stages(STAGES, say or (lambda text: None)), time.perf_counter()
     if out is not None and (why := why_not(out, folder=True)):
         raise TwinError(f"--out {out}: {why}")
-    expect_path(model, "model", "a URDF, SDF or MJCF file, or of a corrected model's folder")
-    model = resources.resolve(str(model), packages)
     say("reading the logs")
     given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants, joints)
     notes += torque_sense.checked(given, logs)
     records = prepare(given, logs)
-    standing = corrected_folder.standing_of(model)
+    standing = corrected_folder.standing_of(resources.resolve(str(model), packages))
     if not standing.established:
         notes.append(f"{model}: is a partial explanation that was not established")
     found = explained(given, logs, held, records, notes, say, standing)
@@ -181,7 +179,7 @@ def run_gap(
     )
     if out is not None:
         say("writing the report")
-        write(gap, Path(out), _called(model))
+        write(gap, Path(out), _called(resources.resolve(str(model), packages)))
     return gap
 
 
@@ -299,9 +297,11 @@ def _read(
     constants: TorqueConstants | None = None,
     joints: Sequence[str] = (),
 ) -> tuple[Model, list[Log], Log, list[str]]:
+    expect_path(model, "model", "a URDF, SDF or MJCF file, or of a corrected model's folder")
     fit = [fit] if isinstance(fit, (str, Path)) else fit
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
+    resources.resolve(str(model), packages)  # what is not there is told before a log is read
     given, first, warnings = load_model_for(read_log(fit[0], columns), model, packages, torque_side, constants, joints)
     logs = _stretches(first, warnings)
     for path in fit[1:]:  # one at a time: each may be as large as all that is kept of them
