@@ -55,6 +55,9 @@ CALLS: dict[str, tuple[Callable[[], Any], str]] = {
     "a scenario for a stop monitor": (lambda: StopMonitor(MODEL, SCENARIO, {}), "a Twin .*not a Scenario"),
     "a name for an effect": (lambda: MODEL.with_effects("payload"), "Effect or EffectSpec.*not a str"),
     "a number for an effect": (lambda: MODEL.with_effects([1.0]), "Effect or EffectSpec.*not a float"),
+    "too many joints": (lambda: MODEL.inverse_dynamics(*np.zeros((3, 7))), r"q has shape \(7,\).* 6 joints"),
+    "too few speeds": (lambda: MODEL.forward_dynamics(np.zeros(6), np.zeros(5), np.zeros(6)), r"v has shape \(5,\)"),
+    "no number, for which Drake ends the program": (lambda: MODEL.tool_pose([np.nan] * 6), "q is .*nan.*finite"),
     "no effect": (lambda: td.register(int), "derived from Effect"),
     "no sensor": (lambda: td.Ekf(MODEL, td.Filter()).add("imu"), "a Sensor .*not a str"),
 }

@@ -27,7 +27,7 @@ from twin_diagram.logs import Log, read_log, write_log
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, register
 from twin_diagram.model.model import Model
 from twin_diagram.runtime import atomic_file, written_files
-from twin_diagram.scenario import EffectSpec
+from twin_diagram.scenario import EffectSpec, models_dir
 
 FRICTION = 3.0
 
@@ -394,6 +394,15 @@ def test_a_single_log_needs_no_list(runs: tuple[Path, list[Path]], tmp_path: Pat
     for log in (tmp_path / "gone", str(tmp_path / "gone")):
         with pytest.raises(TwinError, match="gone: "):
             run_gap(model, log, held)
+
+
+def test_models_are_named_as_everywhere(tmp_path: Path) -> None:
+    """By what comes along and by packages; `predict` and `init` took such a name, `gap` looked for a file."""
+    for known, packages in (("arms/ur5e.urdf", {}), ("package://mine/arms/ur5e.urdf", {"mine": models_dir()})):
+        with pytest.raises(TwinError, match="gone: no such log file"):
+            run_gap(known, tmp_path / "gone", tmp_path / "gone", packages=packages)
+    with pytest.raises(TwinError, match=r"arms/none\.urdf: no such file"):
+        run_gap("arms/none.urdf", tmp_path / "gone", tmp_path / "gone")
 
 
 @pytest.mark.long

@@ -175,6 +175,20 @@ def test_the_line_of_names_may_be_a_comment(mark: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(log.motor_torque, tau)
 
 
+@pytest.mark.parametrize("mark", [";", "\t", " "])
+def test_decimals_may_have_commas_where_cells_are_parted_by_something_else(mark: str, tmp_path: Path) -> None:
+    """As a spreadsheet writes them in most of Europe."""
+    t, q, _, tau = motion(2)
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(GOOD))
+    columns = {"time": t, "q0": q[:, 0], "q1": q[:, 1], "t0": tau[:, 0], "t1": tau[:, 1]}
+    path = table(tmp_path / "a.csv", columns, mark)
+    path.write_text(path.read_text().replace(".", ","))
+    np.testing.assert_allclose(read_log(path, tmp_path / "map.yaml").position, q)
+    path.write_text(path.read_text().replace("q1", "angle"))
+    with pytest.raises(LogError, match=r"no column 'q1', .* its columns are time, q0, angle, t0, t1"):
+        read_log(path, tmp_path / "map.yaml")
+
+
 def test_samples_that_lack_something_are_left_out_and_told(tmp_path: Path) -> None:
     """As recorders write signals of several rates: what came with another one is empty."""
     t, q, _, tau = motion(2)

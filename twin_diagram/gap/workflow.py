@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.errors import LogError, ModelError, TwinError, expect_path
+from twin_diagram.errors import LogError, TwinError, expect_path
 from twin_diagram.gap.correction.held_out_evidence import confirmed
 from twin_diagram.gap.experiments import advice as texts
 from twin_diagram.gap.experiments.trajectories import Experiment, design, visited
@@ -46,6 +46,7 @@ from twin_diagram.runtime.output_place import why_not
 from twin_diagram.runtime.stages import Stages
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.runtime.version import __version__
+from twin_diagram.scenario import resources
 
 Say = Callable[[str], None]
 
@@ -157,7 +158,7 @@ def run_gap(
     given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants, joints)
     notes += torque_sense.checked(given, logs)
     records = prepare(given, logs)
-    standing = corrected_folder.standing_of(model)
+    standing = corrected_folder.standing_of(resources.resolve(str(model), packages))
     if not standing.established:
         notes.append(f"{model}: is a partial explanation that was not established")
     found = explained(given, logs, held, records, notes, say, standing)
@@ -178,7 +179,7 @@ def run_gap(
     )
     if out is not None:
         say("writing the report")
-        write(gap, Path(out), _called(Path(model)))
+        write(gap, Path(out), _called(resources.resolve(str(model), packages)))
     return gap
 
 
@@ -300,8 +301,7 @@ def _read(
     fit = [fit] if isinstance(fit, (str, Path)) else fit
     if not fit:
         raise LogError("no log to fit: give at least one with --fit")
-    if not Path(model).exists():
-        raise ModelError(f"{model}: no such file or folder")
+    resources.resolve(str(model), packages)  # what is not there is told before a log is read
     given, first, warnings = load_model_for(read_log(fit[0], columns), model, packages, torque_side, constants, joints)
     logs = _stretches(first, warnings)
     for path in fit[1:]:  # one at a time: each may be as large as all that is kept of them

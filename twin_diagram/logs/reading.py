@@ -305,20 +305,19 @@ def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
     for k, row in enumerate(rows):
         if len(row) != len(names):
             raise LogError(f"{path}: line {k + 2} has {len(row)} cell(s), the first line names {len(names)} columns")
-    columns: dict[str, Array] = {}
-    for name in dict.fromkeys(wanted):
+    if lacks := [name for name in wanted if name not in names]:
+        said = f"none of the columns {_few(lacks)}" if len(lacks) == len(wanted) else f"no column {lacks[0]!r}"
+        raise LogError(f"{path}: has {said}, which --columns asks for; its columns are {_few(names)}")
+    for name in wanted:
         if names.count(name) > 1:
             raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")
-        if name in names:
-            cells = [row[names.index(name)] for row in rows]
-            columns[name] = _numbers_of(cells, path, name)
-    if not columns:
-        raise LogError(f"{path}: has none of the columns {_few(list(wanted))}; its columns are {_few(names)}")
-    return columns
+    places = {name: names.index(name) for name in wanted}
+    return {name: _numbers_of([row[k] for row in rows], path, name, mark) for name, k in places.items()}
 
 
-def _numbers_of(cells: Sequence[str], path: Path, name: str) -> Array:
-    there = ["nan" if cell.lower() in NOTHING else cell for cell in cells]
+def _numbers_of(cells: Sequence[str], path: Path, name: str, mark: str) -> Array:
+    comma = "," if mark != "," else "."  # of decimals, as some languages write them
+    there = ["nan" if cell.lower() in NOTHING else cell.replace(comma, ".", 1) for cell in cells]
     return np.array([_number(cell, f"{path}: line {k + 2}: {name}") for k, cell in enumerate(there)], dtype=float)
 
 

@@ -23,7 +23,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
 from twin_diagram import scenario
-from twin_diagram.errors import ModelError, expect
+from twin_diagram.errors import ArgumentError, ModelError, expect
 from twin_diagram.logs.joint_limits import JointLimits
 from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.description.add_arm import Arm, add_arm
@@ -233,6 +233,7 @@ class Model:
                     through, logged = (None if x is None else x[mask] for x in (tau, seen))
                     result[mask] = static.inverse_dynamics(q[mask], v[mask], a[mask], through, seen=logged)
             return result
+        q, v, a = _samples(len(self.joints), q=q, v=v, a=a)
         q = self.true_position(q)
         law = self.law
         total = law.joint_load(q, v, a, tau)
@@ -257,7 +258,7 @@ class Model:
 
     def mass_matrix(self, q: Array) -> Array:
         """Return (n, n) mass matrix [kg·m²] at measured positions (n,): arm, rotors, payload; fingers held rigid."""
-        return self.calls.mass(self.true_position(q))
+        return self.calls.mass(self.true_position(*_samples(len(self.joints), q=q)))
 
     def bias(self, q: Array, v: Array) -> Array:
         """Return (n,) torque [N·m] at velocity (n,) and position (n,) without acceleration: C v − g and effects."""
@@ -265,6 +266,7 @@ class Model:
 
     def forward_dynamics(self, q: Array, v: Array, tau: Array) -> Array:
         """Return (…, n) accelerations [rad/s²] under logged torques `tau` (…, n)."""
+        q, v, tau = _samples(len(self.joints), q=q, v=v, tau=tau)
         q, tau = self.true_position(q), self.applied(tau)
         if q.ndim == 1 and not self.law.dry:
             load = self.law.joint_load(q, v, np.zeros_like(q), tau)
@@ -301,8 +303,23 @@ class Model:
 
     def tool_pose(self, q: Array) -> RigidTransform:
         """Return X_WT of the tool frame at measured positions (n,)."""
-        return self.calls.tool_pose(self.true_position(q))
+        return self.calls.tool_pose(self.true_position(*_samples(len(self.joints), q=q)))
 
     def tool_jacobian(self, q: Array) -> Array:
         """Return (6, n): angular [rad/s] over linear [m/s] velocity of the tool frame in W, per joint velocity."""
-        return self.calls.tool_jacobian(self.true_position(q))
+        return self.calls.tool_jacobian(self.true_position(*_samples(len(self.joints), q=q)))
+
+
+def _samples(n: int, **given: Array) -> tuple[Array, ...]:
+    """Return what a model is asked with as arrays (…, n); one sample must be finite, or Drake ends the program.
+
+    Raises:
+        ArgumentError: there are not as many numbers as joints, or one of a single sample is not finite.
+    """
+    arrays = {name: np.asarray(values, dtype=float) for name, values in given.items()}
+    for name, array in arrays.items():
+        if array.shape[-1:] != (n,):
+            raise ArgumentError(f"{name} has shape {array.shape}; its last axis must hold the arm's {n} joints")
+        if array.ndim == 1 and not np.isfinite(array).all():
+            raise ArgumentError(f"{name} is {array.tolist()}; finite numbers are wanted")
+    return tuple(arrays.values())

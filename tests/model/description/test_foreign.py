@@ -315,6 +315,15 @@ def test_names_that_mean_two_things_or_none(tmp_path: Path) -> None:
     assert shape_free(tmp_path / "arm.urdf") == ("shoulder", "wrist")
 
 
+def test_joints_of_a_differential_have_motors(tmp_path: Path) -> None:
+    """Drake reads no such transmission: the wrists of Tiago and Talos were left out, and hung loose."""
+    geared = transmission("wrist").replace("Simple", "Differential")
+    (tmp_path / "arm.urdf").write_text(CHAIN.format(INERTIAL, transmission("shoulder") + geared))
+    model = Model.load(tmp_path / "arm.urdf")
+    assert model.joints == ("shoulder", "wrist")
+    np.testing.assert_array_equal(model.effort_limit, (50.0, 7.0))
+
+
 @pytest.mark.parametrize("bare", ['<material name="{0}"/>', '<material name="{0}">\n</material>'])
 @pytest.mark.parametrize("named", ["grey", "nowhere"])
 def test_materials_that_are_said_elsewhere_or_nowhere(tmp_path: Path, bare: str, named: str) -> None:

@@ -224,7 +224,7 @@ def add_arm(
         every = _joints(plant, instances)
     _add_motors(plant, [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])], motors, parts)
     base = _weld_base(plant, instances, arm_joints[0], spec)
-    carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and _is_finger(j, every))]
+    carrying = [j for j in arm_joints if not (isinstance(j, PrismaticJoint) and joint_tree.is_finger(j, every))]
     last_link = (carrying or arm_joints)[-1].child_body()
     return Arm(
         spec=spec,
@@ -306,10 +306,13 @@ def _choose(
 ) -> tuple[list[Joint], list[Joint]]:
     """Return the arm's joints and the gripper's, named or by rule, of `every` joint, also those that are fixed."""
     movable = [joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
-    driven = [joint for joint in movable if (int(joint.index()) in motors if motors else joint.name() not in following)]
-    if not motors:  # what turns and is told to have none is a hand's: its tendon is moved
+    driven = [joint for joint in movable if joint.name() not in following]
+    if motors:
+        geared = {j.name() for j in driven if isinstance(j, RevoluteJoint) and told.get(j.name(), False)}
+        driven = [joint for joint in movable if int(joint.index()) in motors or joint.name() in geared]
+    else:  # what turns and is told to have none is a hand's: its tendon is moved
         driven = [j for j in driven if told.get(j.name(), True) or isinstance(j, PrismaticJoint)]
-    fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and _is_finger(joint, movable)]
+    fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and joint_tree.is_finger(joint, movable)]
     held = {int(joint.index()) for joint in fingers}
     links = [joint for joint in driven if int(joint.index()) not in held]
     arm = _by_name(spec.joints, movable, "joints") if spec.joints else joint_tree.from_the_base(links or driven, every)
@@ -323,16 +326,6 @@ def _choose(
     in_arm = {int(joint.index()) for joint in arm}
     joint_tree.refuse_carried(spec.model, arm, every, following)
     return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]
-
-
-def _is_finger(joint: Joint, movable: Sequence[Joint]) -> bool:
-    """Return whether a prismatic joint is a finger's: they come in pairs and carry nothing.
-
-    An arm's come one by one.
-    """
-    beside = [other for other in movable if other.parent_body().index() == joint.parent_body().index()]
-    beyond = [other for other in movable if other.parent_body().index() == joint.child_body().index()]
-    return len(beside) > 1 and not beyond
 
 
 def _by_name(names: Sequence[str], movable: Sequence[Joint], field: str) -> list[Joint]:

@@ -111,3 +111,13 @@ def refuse_carried(
                     "such an arm is not modelled. If these are a gripper's, name the arm's own joints (--joints, "
                     "twin.arm.joints), else name it, too, as one that is driven"
                 )
+
+
+def is_finger(joint: Joint, movable: Sequence[Joint]) -> bool:
+    """Return whether a prismatic joint is a finger's: they come in pairs and carry nothing.
+
+    An arm's come one by one.
+    """
+    beside = [other for other in movable if other.parent_body().index() == joint.parent_body().index()]
+    beyond = [other for other in movable if other.parent_body().index() == joint.child_body().index()]
+    return len(beside) > 1 and not beyond

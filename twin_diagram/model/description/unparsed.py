@@ -24,6 +24,8 @@ _MIMIC = re.compile(r"(?:\{.*\}|\w+_)?mimic")
 """With a namespace that is declared, or one that `_root` made part of the name."""
 _MOTORS = ("general", "motor", "position", "velocity", "intvelocity", "damper")
 """Of an MJCF: motors at joints; its classes of defaults take them for one kind."""
+_DIFFERENTIAL = "DifferentialTransmission"
+"""Of a URDF: what two motors and two joints share."""
 _HOW_IT_FOLLOWS = {"multiplier": "1", "offset": "0", "reference": "0"}
 """What is said of a joint that follows: attributes, or SDF's elements; and what counts where they are missing."""
 
@@ -179,8 +181,12 @@ def effort_limits(path: Path) -> dict[str, float]:
 def driven(path: Path) -> dict[str, bool]:
     """Return whether each joint of an MJCF has a motor of its own; Drake passes over most kinds of them.
 
-    Nothing is said of the joints of other files, and of one in which no joint has a motor.
+    Nothing is said of the joints of one in which no joint has a motor, and of a URDF's but of those that two motors
+    move through a differential, as many wrists: of these Drake keeps no motor.
     """
+    if path.suffix.lower() == ".urdf":
+        geared = [gear for gear in _root(path).iter("transmission") if _DIFFERENTIAL in (gear.findtext("type") or "")]
+        return {joint.get("name", ""): True for gear in geared for joint in gear.iter("joint")}
     if path.suffix.lower() != ".xml":
         return {}
     root = tree(path)
