@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from twin_diagram.assets import Asset
-from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, visible
+from twin_diagram.assets import Asset, symmetry
+from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, other_poses, visible
+from twin_diagram.perception.registration.rotation import exp
 
 Array = npt.NDArray[np.float64]
 
@@ -50,6 +52,29 @@ def test_colours_are_blurred_over_the_surface_among_neighbours_that_face_alike()
             weight *= asset.normals_O[near] @ asset.normals_O[m] > 0.7
             wanted = weight @ asset.colours[near] / weight.sum()
             np.testing.assert_allclose(model().colours[level, m], wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("symmetries", "left"),
+    [
+        ((), 47),
+        (((2, 0),), 1),  # upside down
+        (((2, 0), (0, 2)), 0),
+        (((2, 12),), 3),  # half a tooth; upside down, and half a tooth with it
+    ],
+)
+def test_what_symmetries_tell_is_no_mistake(symmetries: tuple[tuple[int, int], ...], left: int) -> None:
+    around = exp(2.0 * np.pi * np.outer(np.arange(24) / 24, [0.0, 0.0, 1.0]))
+    over = exp(np.array([[np.pi, 0.0, 0.0]]))[0]
+    turns = np.concatenate([around[1:], around @ over])
+    kept = other_poses(turns, symmetries)
+    assert len(kept) == left
+    for turn in turns:
+        same = [np.eye(3), *kept]
+        assert symmetry.apart(turn, np.array(same), symmetries).min() < 1e-6, "each is one of those"
+    given = ModelCloud.of(plates(), 100)
+    told = replace(given, turns=turns, asset=replace(plates(), symmetries=symmetries))
+    np.testing.assert_array_equal(told.mistaken, kept)
 
 
 @pytest.mark.parametrize(("angle", "alike"), [(44.0, True), (47.0, False)])

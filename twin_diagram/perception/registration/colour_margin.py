@@ -53,9 +53,9 @@ def colour_margin(model: ModelCloud, frame: Frame, one: RegisteredPose) -> float
         frame: the image.
         one: the pose.
     """
-    if not model.coloured or not len(model.turns) or one.shape < TUNING.shape:
+    if not model.coloured or not len(model.mistaken) or one.shape < TUNING.shape:
         return 0.0
-    R = np.concatenate([one.R[None], one.R @ model.turns])
+    R = np.concatenate([one.R[None], one.R @ model.mistaken])
     cost = colour_costs(model, frame, Poses(R, model.kept_in_place(one.R, one.p, R)), TUNING.points)
     others = cost[(turned(R, one.R) > TUNING.other) & (cost < VOTES.never)]
     return float(others.min() - cost[0]) if len(others) else 0.0

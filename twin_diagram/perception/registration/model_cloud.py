@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from twin_diagram.assets import Asset
+from twin_diagram.assets import Asset, symmetry
 from twin_diagram.errors import expect
 from twin_diagram.perception.registration.cloud_kernels import SurfaceCloud
 from twin_diagram.perception.registration.nearest_points import NearestPoints
@@ -48,6 +48,9 @@ class Tuning:
 
     grey: float = 0.02
     """Colours that differ by less than this [of 1] from one grey are none: the object's mesh had none."""
+
+    other: float = 0.12
+    """Turns are other poses where they differ by more, up to symmetries [rad], as in `turned_alike`."""
 
     steps: int = 24
     """About the axis of a round thing so many turns are told apart: 15° from each to the next."""
@@ -104,6 +107,11 @@ class ModelCloud:
     def coloured(self) -> bool:
         """Whether its colours say anything: those of a mesh without any are one grey, and veto nothing."""
         return bool(np.abs(self.colours[0] - self.colours[0].mean()).max() > TUNING.grey)
+
+    @cached_property
+    def mistaken(self) -> Array:
+        """(S, 3, 3) those of `turns` that are other poses up to the asset's symmetries."""
+        return other_poses(self.turns, self.asset.symmetries)
 
     @cached_property
     def is_round(self) -> bool:
@@ -233,6 +241,17 @@ def alike_turns(points: Array, tree: cKDTree, most: float, symmetric_axis: str |
             found += [turn for turn in around if not _among(turn, found)]
             found += [turn @ one for one in over for turn in around if not _among(turn @ one, found)]
     return np.array(found).reshape(-1, 3, 3)
+
+
+def other_poses(turns: Array, symmetries: tuple[tuple[int, int], ...]) -> Array:
+    """Return those of turns (T, 3, 3) that are other poses up to symmetries, each once, by the least turn to it."""
+    if not symmetries:
+        return turns
+    kept = [np.eye(3)]
+    for turn in sorted(turns, key=lambda turn: -float(np.trace(turn))):
+        if symmetry.apart(turn, np.array(kept), symmetries).min() > TUNING.other:
+            kept.append(turn)
+    return np.array(kept[1:]).reshape(-1, 3, 3)
 
 
 def recoloured(points: Array, tree: cKDTree, colours: Array, turn: Array) -> float:

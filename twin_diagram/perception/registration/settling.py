@@ -98,7 +98,7 @@ def turned(
     """Register what a pose may be mistaken for: turns that leave the shape much as it was, and turns of what stands."""
     yaw = 2.0 * np.pi * np.arange(1, TUNING.yaws) / TUNING.yaws
     upright = exp(np.stack([0.0 * yaw, 0.0 * yaw, yaw], axis=1))
-    R = np.concatenate([one.R[None], one.R @ model.turns, upright @ one.R])
+    R = np.concatenate([one.R[None], one.R @ model.mistaken, upright @ one.R])
     laid = Poses(R, model.kept_in_place(one.R, one.p, R))
     cost = compare(model, frame, laid, points_W) + colour_costs(model, frame, laid, TUNING.points)
     nearest = [int(k) for k in np.argsort(cost, kind="stable") if k > 0][: TUNING.rivals]

@@ -102,11 +102,11 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
         before: logarithm of the odds as they were before this image.
         again: registers the object from elsewhere.
     """
-    if not len(model.turns) or not model.coloured:
+    if not len(model.mistaken) or not model.coloured:
         return unweighed(model, one)
     if before >= TUNING.enough and one.quality >= TUNING.certain * one.shape:
         return replace(one, odds=before)
-    R = np.concatenate([one.R[None], one.R @ model.turns])
+    R = np.concatenate([one.R[None], one.R @ model.mistaken])
     laid = Poses(R, model.kept_in_place(one.R, one.p, R))
     cost = colour_costs(model, view.frame, laid, TUNING.points)
     against = cost - cost[0]
@@ -140,9 +140,9 @@ def unweighed(model: ModelCloud, one: RegisteredPose) -> RegisteredPose:
 
     Of what has no colours no image will tell: then each of its turns is as likely.
     """
-    if not len(model.turns):
+    if not len(model.mistaken):
         return replace(one, odds=TUNING.most)
-    return replace(one, odds=0.0 if model.coloured else -float(np.log(len(model.turns))))
+    return replace(one, odds=0.0 if model.coloured else -float(np.log(len(model.mistaken))))
 
 
 def after_image(before: float, told: float) -> float:

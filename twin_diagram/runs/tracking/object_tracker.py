@@ -336,7 +336,7 @@ class ObjectTracker:
             )
         slot = self._slot_of(one)
         if slot.by_shape:
-            one.rivals = tuple((turn, model.middle - turn @ model.middle, 1.0) for turn in model.turns)
+            one.rivals = tuple((turn, model.middle - turn @ model.middle, 1.0) for turn in model.mistaken)
         hypotheses = after.hypotheses if new and not slot.by_shape else one.with_rivals(after, probability(slot.odds))
         return PoseShown(result.R, result.p, result.covariance + free, hypotheses)
 
@@ -365,7 +365,7 @@ class ObjectTracker:
         """Track an object from another pose on than the one that tracking found."""
 
         def moved(slot: Slot) -> Slot:
-            turns = 0 if slot.by_shape else len(self._told.every[one.asset].model.turns)
+            turns = 0 if slot.by_shape else len(self._told.every[one.asset].model.mistaken)
             doubted = turns and turned(R, slot.R) > TURNED.other
             return replace(slot, R=R, p=p, odds=0.0 if doubted else slot.odds)
 
