@@ -13,7 +13,7 @@ from twin_diagram.planning.grasps.cost import antipodal_cost, weight_torque
 from twin_diagram.planning.grasps.judging import REASONS, judge, settle, success_over_poses, view
 from twin_diagram.planning.grasps.search import _neighbours
 from twin_diagram.planning.grasps.slab import in_frames, slab_of
-from twin_diagram.planning.grasps.surface_frames import darboux_frames
+from twin_diagram.planning.grasps.surface_frames import darboux_frames, edge_frames
 from twin_diagram.planning.grasps.target import GraspTarget
 from twin_diagram.planning.grasps.triangles import meets_triangles, surface_cloud
 from twin_diagram.signals import rotations
@@ -461,3 +461,30 @@ def test_a_cloud_and_the_list_it_gives_agree_in_what_is_left_out() -> None:
     found = propose(*surface_cloud(box_triangles(0.05, 0.08, 0.16), 2000, 0), PANDA_HAND, count=3)
     assert set(found.reasons) <= {*REASONS[1:], "out of reach"}
     assert all(count > 0 for count in found.reasons.values())
+
+
+def test_many_triangles_are_met_as_few_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cells leave out what is far: with and without them the answers are the same."""
+    triangles = cylinder_triangles(0.03, 0.11)
+    low, high = PANDA_HAND.boxes(retreat=0.1)
+    rng = np.random.default_rng(3)
+    R = np.array([rotations.matrix(rotations.normalized(q)) for q in rng.normal(size=(60, 4))])
+    p = rng.uniform(-0.12, 0.12, (60, 3))
+    whole = meets_triangles(triangles, R, p, low, high)
+    monkeypatch.setattr("twin_diagram.planning.grasps.triangles.CELLS", 27)
+    assert len(triangles) > 27 and 10 < whole.sum() < 50
+    np.testing.assert_array_equal(meets_triangles(triangles, R, p, low, high), whole)
+
+
+def test_over_an_edge_the_gripper_comes_from_outside_and_closes_on_the_face() -> None:
+    """Of a plate: points near its border know which way leads inwards, those in its middle that no edge is near."""
+    target = box_target(0.2, 0.2, 0.004)
+    top = np.flatnonzero(target.normals[:, 2] > 0.9)
+    out = np.abs(target.points[top, 0])
+    border = top[(out > 0.096) & (np.abs(target.points[top, 1]) < 0.08)]
+    middle = top[(np.abs(target.points[top, :2]) < 0.06).all(axis=1)]
+    frames, near = edge_frames(target.points, target.normals, np.concatenate([border, middle]))
+    inwards = -np.sign(target.points[border, 0])
+    assert np.mean(frames[: len(border), 0, 2] * inwards) > 0.8  # a random cloud's neighbours are not even
+    np.testing.assert_allclose(np.abs(frames[: len(border), 2, 1]), 1.0, atol=1e-9)
+    assert np.median(near[: len(border)]) > 2 * np.median(near[len(border) :])

@@ -330,3 +330,37 @@ def test_what_cannot_be_is_refused(cloud: tuple[Array, Array], change: dict[str,
 def test_what_cannot_be_asked_is_refused(asked: dict[str, object], words: str) -> None:
     with pytest.raises(GraspError, match=words):
         Wanted(**asked)  # type: ignore[arg-type]
+
+
+def revolved(profile: list[tuple[float, float]], around: int = 64) -> Array:
+    """Return triangles, turned outwards, of a profile (radius, height) that starts and ends on the z axis."""
+    turn = 2 * np.pi * np.arange(around + 1) / around
+    r, z = np.array(profile).T
+    rings = np.stack([np.outer(r, np.cos(turn)), np.outer(r, np.sin(turn)), np.repeat(z[:, None], around + 1, 1)], 2)
+    a, b, c, d = rings[:-1, :-1], rings[:-1, 1:], rings[1:, :-1], rings[1:, 1:]
+    both = np.concatenate([np.stack([a, b, d], 2).reshape(-1, 3, 3), np.stack([a, d, c], 2).reshape(-1, 3, 3)])
+    area = np.linalg.norm(np.cross(both[:, 1] - both[:, 0], both[:, 2] - both[:, 0]), axis=1)
+    return np.asarray(both[area > 1e-12])
+
+
+@pytest.mark.parametrize("wall", [0.003, 0.005])
+def test_a_bowl_that_is_too_wide_is_held_at_its_rim(wall: float) -> None:
+    """16 cm across: its wall curves away by 0.7 mm along a pad; of ten, one or none were found before."""
+    angles = np.linspace(0.05, 1.35, 24)
+    outside = [(0.08 * np.sin(angle), 0.08 * (1 - np.cos(angle))) for angle in angles]
+    inside = [((0.08 - wall) * np.sin(angle), 0.08 - (0.08 - wall) * np.cos(angle)) for angle in angles[::-1]]
+    triangles = revolved([(0.0, 0.0), *outside, *inside, (0.0, wall)])
+    points = dense_points(triangles, 0.002)
+    found = grasps_of_mesh(triangles, PANDA_HAND)
+    assert len(found) >= 8, found.why_empty()
+    assert (np.abs(found.width - wall) < 0.0025).all()
+    for R, p in zip(found.R, found.poses[:, 4:], strict=True):
+        assert not collides(triangles, points, PANDA_HAND, R, p)
+
+
+def test_of_a_small_thing_fewer_points_are_looked_at() -> None:
+    """Nearly all of them lie between the pads: a cube of 1 cm took five times as long as a can."""
+    small, large = (target_of(*surface_cloud(box_triangles(*[edge] * 3), 3000, 0)) for edge in (0.01, 0.1))
+    assert len(small.sparser().thinned(600).points) == 150 and len(small.thinned(600).points) == 600
+    assert len(large.sparser().thinned(600).points) == 600
+    assert len(grasps_of_mesh(box_triangles(0.01, 0.01, 0.01), PANDA_HAND)) == 10

@@ -110,3 +110,15 @@ def test_what_is_beside_bears_nothing() -> None:
     assert borne(cube, middle, post, 0.01)
     assert not borne(cube, middle, post, 0.001)
     assert not borne(cube, middle, aside, 0.01)
+
+
+def test_a_grasp_that_is_told_is_at_its_object(library: dict[str, Asset]) -> None:
+    """X_OG, from the can's middle: where the can stands in the world is half a metre off, and was gripped at there."""
+
+    def picking(x: float, z: float) -> scenario.Task:
+        return scenario.Task(steps=[TaskStep(kind="pick", object="can", goal=Pose(translation=[x, 0.0, z]))])
+
+    for near in (picking(0.0, 0.02), picking(0.0, HALF + 0.2)):
+        check_places(near, library, [])
+    with pytest.raises(ScenarioError, match=r"twin.task.steps.0.goal: .* 0.47 m off can .* X_OG"):
+        check_places(picking(0.5, 0.05), library, [])

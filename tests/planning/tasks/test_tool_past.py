@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from twin_diagram.planning.tasks.tool_past import KEPT, no_past, remembering, tool_at
 from twin_diagram.signals import rotations
@@ -37,3 +38,16 @@ def test_what_is_not_known_is_not_told() -> None:
     past = remembering(past, 1.0 + TICK, pose(1.0 + TICK))
     assert tool_at(past, 0.99) is None and tool_at(past, 1.02) is None
     assert tool_at(past, 1.005) is not None
+
+
+@pytest.mark.parametrize("tick", [0.002, 0.005, 0.01, 0.03])
+def test_half_a_second_is_remembered_at_every_rate(tick: float) -> None:
+    """A planner of 100 plans a second had forgotten after 0.12 s where the tool was: late images said nothing."""
+    past = no_past()
+    for k in range(1, int(1.0 / tick) + 1):
+        past = remembering(past, k * tick, pose(k * tick))
+    for time in (0.45, 0.7, 0.985):
+        found = tool_at(past, time)
+        assert found is not None
+        np.testing.assert_allclose(found[0], pose(time), atol=1e-9)
+        np.testing.assert_allclose(found[1], V, atol=1e-9)

@@ -5,12 +5,13 @@ All in the gripper's frame G (z along the approach, y along the closing axis), f
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.planning.grasps.gripper import Gripper
-from twin_diagram.planning.grasps.slab import Flags, Slab
+from twin_diagram.planning.grasps.slab import Flags, Indices, Slab
 from twin_diagram.signals.arrays import Array
 
 
@@ -27,8 +28,12 @@ class Tuning:
     patch: float = 0.002
     """How deep a pad gives way: points that much behind the first one touch it, too. Pads are 6 mm of rubber."""
 
+    against: float = 0.001
+    """Where a pad touches is the middle of what is no more than this behind the first point, however thin the thing: a
+    bowl's wall, 0.7 mm from flat along a pad, lies against all of it; a wall that leans touches the pads' ends."""
+
     round_share: float = 0.1
-    """Of a thing's width, no more than this: so deep a round one has its normals within 37 degrees of the pad's."""
+    """Of a thing's width, no more for normals: so deep a round one has its own within 37 degrees of the pad's."""
 
     patch_least: float = 0.0005
     """How deep a pad gives way at least: clouds of thin things are no finer."""
@@ -127,6 +132,13 @@ def drawn_back(slab: Slab, gripper: Gripper, offset: Array, depth: Array, other:
     return np.where(passed, far - (gripper.pad_back + gripper.pad_front) / 2, depth)
 
 
+def rim_depth(slab: Slab, gripper: Gripper, offset: Array, depth: Array, other: Flags) -> Array:
+    """Return depths (K,) [m] at which nothing of an object is between the fingers behind the pads; as `drawn_back`."""
+    between = ~other & (np.abs(slab.q[0]) <= gripper.pad_width / 2)
+    between &= np.abs(slab.q[1] - offset[slab.pose]) <= gripper.opening_most / 2
+    return np.minimum(depth, slab.least(np.where(between, slab.q[2], np.inf)) - gripper.pad_back)
+
+
 def heights(gripper: Gripper, R: Array, p: Array, table: Array) -> Array:
     """Return how high (K,) the open gripper's lowest point is over a table (4,) [m]; poses R (K, 3, 3), p (K, 3)."""
     low, high = gripper.boxes()
@@ -181,6 +193,22 @@ class Closing:
         """Part (K, 2) of the mean outward normal towards each pad; 1: square on."""
         return self.normal[:, :, 1] * np.array([1.0, -1.0])
 
+    def or_else(self, others: Closing, there: Flags) -> Closing:
+        """Return it with the rows of others where flags (K,) say so."""
+        rows = {}
+        for name, value in vars(self).items():
+            rows[name] = value.copy()
+            rows[name][there] = getattr(others, name)[there]
+        return Closing(**rows)
+
+
+def _mean(pad: Slab, at: Indices, weight: Array, rows: Iterable[Array]) -> Array:
+    """Return each pose's weighted mean (K, 3) of three rows of values at entries of a slab."""
+    weight = weight[at]
+    touched = Slab(pad.poses, pad.pose[at], pad.point[at], pad.q[:, at])
+    size = np.maximum(touched.total(weight), 1e-12)
+    return np.stack([touched.total(weight * row) / size for row in rows], axis=1)
+
 
 def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array, depth: Array, other: Flags) -> Closing:
     """Close the gripper at K poses, each moved by `offset` along y and `depth` along z.
@@ -214,17 +242,15 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
     edge, normal, contact, first = [], [], [], np.zeros(inner.poses, dtype=bool)
     reach = [pad.most(sign * y) for sign in (1.0, -1.0)]
     patch = np.clip(TUNING.round_share * (reach[0] + reach[1]), TUNING.patch_least, TUNING.patch)
+    against = np.maximum(patch, TUNING.against)
     for sign, furthest in zip((1.0, -1.0), reach, strict=True):
         first |= beside.most(sign * y_beside) - gripper.root_setback > furthest
-        at = np.flatnonzero(sign * y >= (furthest - patch).take(pad.pose))
-        touched = Slab(pad.poses, pad.pose[at], pad.point[at], pad.q[:, at])
         # By what the pad sees of it: a side that it does not see is not pressed. All alike where none is seen.
-        weight = np.maximum(sign * n_y[at], 1e-6)
-        size = np.maximum(touched.total(weight), 1e-12)
-        places = (touched.q[0], y[at], z[at])
-        contact.append(np.stack([touched.total(weight * part) / size for part in places], axis=1))
-        mean = np.stack([touched.total(weight * part) / size for part in normals.T[:, touched.point]], axis=1)
-        normal.append(np.einsum("kij,ki->kj", R, mean))
+        seen = np.maximum(sign * n_y, 1e-6)
+        deep = np.flatnonzero(sign * y >= (furthest - against).take(pad.pose))
+        contact.append(_mean(pad, deep, seen, (pad.q[0][deep], y[deep], z[deep])))
+        at = np.flatnonzero(sign * y >= (furthest - patch).take(pad.pose))
+        normal.append(np.einsum("kij,ki->kj", R, _mean(pad, at, seen, normals.T[:, pad.point[at]])))
         edge.append(np.where(count > 0, sign * furthest, 0.0))
     antipodal = pad.total(np.expm1(n_y**2) / np.expm1(1.0)) / np.maximum(count, 1.0)
     return Closing(

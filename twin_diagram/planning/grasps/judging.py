@@ -19,6 +19,7 @@ from twin_diagram.planning.grasps.closing import (
     finger_stop,
     heights,
     palm_stop,
+    rim_depth,
     slab_half,
     table_stop,
 )
@@ -153,6 +154,7 @@ def settle(
     if others.table is not None:
         over = table_stop(gripper, R, p, others.table, TUNING.retreat)
     code = np.zeros(len(R), dtype=np.int64)
+    pushed = depth is None
     if depth is None:
         depth = np.minimum(stop, over)
         code[np.isposinf(depth)] = _CODE["nothing between the fingers"]
@@ -166,6 +168,8 @@ def settle(
         code[over < depth - CLOSING.gap] = _CODE["into the table"]
         code[stop < depth - CLOSING.gap] = _CODE["in collision"]
     closing = close(slab, target.normals, R, gripper, offset, depth, other)
+    if pushed and target.viewpoint is None and others.table is None:
+        depth, closing = _before_the_roots(slab, target.normals, R, gripper, offset, depth, other, closing)
     p = p + depth[:, None] * R[:, :, 2]
     found, seen = _held(target, gripper, R, p, closing)
     code = np.where(code > 0, code, found)
@@ -175,6 +179,21 @@ def settle(
     if others.table is not None:
         room = heights(gripper, R, p, others.table)
     return Judged(R, p, code, closing, seen, cost.terms(target, gripper, R, p, closing, room, seen))
+
+
+def _before_the_roots(
+    slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array, depth: Array, other: Flags, closing: Closing
+) -> tuple[Array, Closing]:
+    """Return depths (K,), and what is held there, where what would meet the fingers behind the pads is let out.
+
+    The wall of a bowl or a tray, pushed in as far as it goes, leans against the fingers' roots; its rim can be held.
+    """
+    if not closing.roots_first.any():
+        return depth, closing
+    kept = closing.roots_first[slab.pose]
+    part, others = slab.where(kept), other[kept]
+    depth = np.where(closing.roots_first, rim_depth(part, gripper, offset, depth, others), depth)
+    return depth, closing.or_else(close(part, normals, R, gripper, offset, depth, others), closing.roots_first)
 
 
 def _wider(most: Array, least: Array, gripper: Gripper) -> Flags:

@@ -18,7 +18,7 @@ from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.arrays import Array
 
-VERSION = 1
+VERSION = 2
 """Of how grasps are found and written: counted up when either changes, which makes all that was kept old."""
 
 FOLDER = "grasps"

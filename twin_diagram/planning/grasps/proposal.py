@@ -42,7 +42,8 @@ class Tuning:
     """Axes that differ by less agree [deg]."""
 
     attempts: int = 4
-    """Times that points are sampled anew, at the most, while grasps lack: rims and handles are little of a surface."""
+    """Times that points are sampled anew, at the most, while grasps lack: rims and handles are little of a surface.
+    Every other time at edges, of what is seen whole."""
 
     looked_closer: float = 1.4
     """Of each grasp that is asked for, so many candidates are compared with the mesh at once: few of them cut it."""
@@ -213,13 +214,14 @@ def propose_for(target: GraspTarget, gripper: Gripper, wanted: Wanted) -> Grasps
     rng = np.random.default_rng(wanted.seed)
     reasons: Counter[str] = Counter()
     every: list[Judged] = []
-    for _ in range(TUNING.attempts):
-        found, of = grid(target, gripper, rng)
-        refined = refine(target, gripper, found, of)
+    for attempt in range(TUNING.attempts):
+        seen = target.sparser() if attempt == 0 else target
+        found, of = grid(seen, gripper, rng, edges=attempt % 2 == 1 and target.viewpoint is None)
+        refined = refine(seen, gripper, found, of)
         for part in (found, *refined):
             reasons.update(_counted(part))
         every += refined or [found]
-        grasps = _ranked(target, gripper, stacked(every), wanted, reasons)
+        grasps = _ranked(seen, gripper, stacked(every), wanted, reasons)
         if len(grasps) == wanted.count:
             break
     return grasps
@@ -273,7 +275,7 @@ def _looked_closer(
         cut = meets_triangles(wanted.triangles, part.R, part.p, low, high)
         reasons["in collision"] += int(cut.sum())
         # The search's points have gaps as wide as a handle; of so few poses, many points can be looked at.
-        points, normals = surface_cloud(wanted.triangles, TUNING.fine_points, wanted.seed)
+        points, normals = surface_cloud(wanted.triangles, target.enough(TUNING.fine_points), wanted.seed)
         others = slice(target.own, None)
         fine = replace(
             target,

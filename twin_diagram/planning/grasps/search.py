@@ -8,7 +8,7 @@ import numpy as np
 
 from twin_diagram.planning.grasps.gripper import Gripper
 from twin_diagram.planning.grasps.judging import Judged, settle, view
-from twin_diagram.planning.grasps.surface_frames import Indices, darboux_frames
+from twin_diagram.planning.grasps.surface_frames import Indices, darboux_frames, edge_frames
 from twin_diagram.planning.grasps.target import GraspTarget
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -20,6 +20,9 @@ class Tuning:
 
     samples: int = 32
     """Points at which frames are set up."""
+
+    looked_for_edges: int = 200
+    """Where edges are looked for they are the nearest to one among so many more: a rim is a fiftieth of a bowl."""
 
     grid_points: int = 600
     """Points of the cloud that the grid looks at; the rest of the search sees all of them."""
@@ -52,7 +55,9 @@ class Tuning:
 TUNING = Tuning()
 
 
-def grid(target: GraspTarget, gripper: Gripper, rng: np.random.Generator) -> tuple[Judged, Indices]:
+def grid(
+    target: GraspTarget, gripper: Gripper, rng: np.random.Generator, edges: bool = False
+) -> tuple[Judged, Indices]:
     """Look at a grid of poses about frames at sampled points, each pushed to contact; with the point of each.
 
     Steps 1 to 5 of the sampling in *Scalable Real2Sim* (Algorithm 2 of ten Pas et al.): sample points, set up the
@@ -63,22 +68,34 @@ def grid(target: GraspTarget, gripper: Gripper, rng: np.random.Generator) -> tup
         target: the object.
         gripper: opened all the way.
         rng: draws the points.
+        edges: whether points are to be at edges, and looked at from over these, too.
     """
-    chosen = rng.permutation(target.own)[: TUNING.samples]
+    chosen, over_edges = _sampled(target, rng, edges)
     D = darboux_frames(target.points[: target.own], target.normals[: target.own], chosen)
     turns = np.arange(TUNING.turns) * np.pi / TUNING.turns
     quarter = np.pi / 2 * np.arange(2)
     angles = [(0.0, turn) for turn in turns] + [(np.deg2rad(tilt), turn) for tilt in TUNING.tilts for turn in quarter]
     # A tilt is about x of the frame before or after a quarter turn: about either axis of curvature.
     local = np.stack([_about(2, turn) @ _about(0, tilt) for tilt, turn in angles])
-    R = np.einsum("mij,ajk->maik", D, local)
-    R = R.reshape(-1, 3, 3)
-    p = np.repeat(target.points[chosen], len(angles), axis=0)
+    R = np.concatenate([np.einsum("mij,ajk->maik", D, local), over_edges], axis=1)
+    each, R = R.shape[1], R.reshape(-1, 3, 3)
+    p = np.repeat(target.points[chosen], each, axis=0)
     thin = target.thinned(TUNING.grid_points)
     shifts = np.array(TUNING.offsets) * gripper.opening_most
     ahead = view(thin, gripper, R, p, thin.spacing / 2, aside=float(np.abs(shifts).max()))
     found = stacked([settle(thin, gripper, R, p, ahead, np.full(len(R), shift)) for shift in shifts])
-    return found, np.tile(np.repeat(np.arange(len(chosen)), len(angles)), len(shifts))
+    return found, np.tile(np.repeat(np.arange(len(chosen)), each), len(shifts))
+
+
+def _sampled(target: GraspTarget, rng: np.random.Generator, edges: bool) -> tuple[Indices, Array]:
+    """Return (K,) sampled points and frames (K, 0 or 1, 3, 3) of a gripper that comes over the edge next to each."""
+    more = TUNING.looked_for_edges if edges else 0
+    drawn = rng.permutation(target.own)[: TUNING.samples + more]
+    if not edges:
+        return drawn, np.empty((len(drawn), 0, 3, 3))
+    frames, near = edge_frames(target.points[: target.own], target.normals[: target.own], drawn)
+    kept = np.argsort(-near, kind="stable")[: TUNING.samples]
+    return drawn[kept], frames[kept][:, None]
 
 
 def refine(target: GraspTarget, gripper: Gripper, found: Judged, of: Indices) -> list[Judged]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,9 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+EDGE: Final = 0.5
+"""Cosine of the angle at which a surface has an edge: neighbours whose normals differ by more lie beyond it."""
 
 
 def estimated_normals(points: Array, viewpoint: Array) -> Array:
@@ -64,6 +68,30 @@ def darboux_frames(points: Array, normals: Array, chosen: Indices) -> Array:
     angle = 0.5 * np.arctan2(2 * (u * v).sum(axis=1), (u * u - v * v).sum(axis=1))[:, None]
     y = np.cos(angle) * a + np.sin(angle) * b
     return np.stack([np.cross(y, z), y, z], axis=2)
+
+
+def edge_frames(points: Array, normals: Array, chosen: Indices) -> tuple[Array, Array]:
+    """Return the axes (K, 3, 3) of a gripper that comes over the nearest edge of a surface, and how near that is (K,).
+
+    z, the approach, leads along the surface towards where the neighbours are, away from the rim or edge beyond which
+    there are none; y, the closing axis, along the normal. How near: the way to the neighbours' middle as a share of
+    their distance, 0 far from all edges, 0.4 on a straight one.
+
+    Args:
+        points: (N, 3) [m].
+        normals: (N, 3) unit, outward.
+        chosen: (K,) indices.
+    """
+    near = _nearest(cKDTree(points), points[chosen], TUNING.neighbours)
+    own = normals[chosen]
+    same = np.einsum("kmi,ki->km", normals[near], own) > EDGE
+    to = (points[near] - points[chosen][:, None]) * same[:, :, None]
+    middle = to.mean(axis=1)
+    middle -= np.einsum("ki,ki->k", middle, own)[:, None] * own
+    length = np.linalg.norm(middle, axis=1)
+    share = length / np.maximum(np.linalg.norm(to, axis=2).mean(axis=1), 1e-12)
+    z = np.where(length[:, None] > 1e-9, middle / np.maximum(length, 1e-12)[:, None], _square_to(own))
+    return np.stack([np.cross(own, z), own, z], axis=2), share
 
 
 def _square_to(z: Array) -> Array:

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from twin_diagram.errors import TwinError
 from twin_diagram.planning.grasps.closing import Others
 from twin_diagram.signals.arrays import Array
+
+LARGE: Final = 0.08
+"""Of things this large [m] the fingers' plane holds a fifth of the points …"""
+FEWEST: Final = 0.25
+"""… and of no thing fewer than this share is looked at: a cube of 1 cm has 25 points on a side then."""
 
 
 class GraspError(TwinError):
@@ -28,6 +34,7 @@ class GraspTarget:
         mass: [kg]; None: not known.
         centre: (3,) centre of mass; None: not known.
         up: (3,) unit, against gravity; None: any direction may be.
+        share: of the points that the search would look at.
     """
 
     points: Array
@@ -38,6 +45,7 @@ class GraspTarget:
     mass: float | None = None
     centre: Array | None = None
     up: Array | None = None
+    share: float = 1.0
 
     @property
     def others(self) -> Others:
@@ -49,12 +57,26 @@ class GraspTarget:
 
         The points are taken to be in random order, as an asset's are.
         """
+        count = self.enough(count)
         if self.own <= count:
             return self
         every = self.own / count
         rest = np.arange(self.own, len(self.points))[:: max(int(every), 1)]
         kept = np.concatenate([np.arange(count), rest])
         return replace(self, points=self.points[kept], normals=self.normals[kept], own=count)
+
+    def enough(self, count: int) -> int:
+        """Return how many points are looked at where `count` of a large thing would be."""
+        return int(count * self.share)
+
+    def sparser(self) -> GraspTarget:
+        """Return it with fewer points to look at where it is seen whole and small beside the fingers.
+
+        Nearly all of them lie between the pads then, pose by pose.
+        """
+        size = float(np.ptp(self.points[: self.own], axis=0).max())
+        share = 1.0 if self.viewpoint is not None else float(np.clip(size / LARGE, FEWEST, 1.0))
+        return replace(self, share=share)
 
     @property
     def spacing(self) -> float:

@@ -1,4 +1,4 @@
-"""Refuses places where no object can stand, before anything starts.
+"""Refuses places where no object can stand, or can be grasped, before anything starts.
 
 Inside what never moves or above none of it, inside what is to bear the object or beside it.
 """
@@ -6,6 +6,7 @@ Inside what never moves or above none of it, inside what is to bear the object o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -18,12 +19,15 @@ from twin_diagram.scenario import poses
 from twin_diagram.scenario.planning import Task, TaskStep
 from twin_diagram.signals.arrays import Array
 
+REACH: Final = 0.25
+"""No gripper's tool frame is farther from what is between its fingers [m]: that of a flange is 0.1 to 0.2 m behind."""
+
 
 def check_places(task: Task, library: Mapping[str, Asset], fixtures: Sequence[tuple[str, Sequence[Solid]]]) -> None:
     """Check where a task's objects are to be put: on a fixture, and no deeper in one than a step's tolerance.
 
-    Where no fixture is told, nobody knows what there is to stand on, and nothing is refused. How an object lies that is
-    to bear another is seen when it is: here it is enough that they touch.
+    A grasp that is told is to be at its object. Where no fixture is told, nobody knows what there is to stand on, and
+    nothing is refused. How an object lies that is to bear another is seen when it is: here they only must touch.
 
     Args:
         task: checked by `task_steps.check_steps`.
@@ -31,11 +35,14 @@ def check_places(task: Task, library: Mapping[str, Asset], fixtures: Sequence[tu
         fixtures: what never moves, as solids in W, by name.
 
     Raises:
-        ScenarioError: an object would stand inside a fixture, or would fall; it names the field.
+        ScenarioError: an object would stand inside a fixture, or would fall, or is not where it is to be grasped; it
+            names the field.
     """
     held = ""
     for index, step in enumerate(task.steps):
         held = step.object if step.kind == "pick" else held
+        if step.kind == "pick" and step.goal is not None:
+            _check_grasp(step, library[held], f"twin.task.steps.{index}.goal")
         if step.kind != "place" or step.goal is None:
             continue
         X_WO = np.asarray(poses.pose(step.goal).GetAsMatrix4())
@@ -56,6 +63,17 @@ def check_places(task: Task, library: Mapping[str, Asset], fixtures: Sequence[tu
             why = f"{held} would fall or tip: no fixture bears its middle within {1e3 * within:.3g} mm (other objects"
             why += f" count where `upon` names one), {where}; {own}"
             raise ScenarioError(f"twin.task.steps.{index}.goal", why)
+
+
+def _check_grasp(step: TaskStep, taken: Asset, field: str) -> None:
+    """Check that a grasp is at the object: one that is told in the world's frame is mostly half a metre off."""
+    assert step.goal is not None
+    place = np.array([poses.pose(step.goal).GetAsMatrix4()[:3, 3]])
+    solids = [solid_of(np.asarray(piece, dtype=float)) for piece in taken.convex_pieces]
+    off = min(float(solid.distance(place)[0][0]) for solid in solids)
+    if off > REACH:
+        why = f"the tool frame would be {off:.2f} m off {step.object} when the fingers close"
+        raise ScenarioError(field, f"{why}; it is X_OG, in the object's own frame; without it the grasp is found")
 
 
 def _check_upon(pieces_U: Sequence[Array], below: Asset, held: str, step: TaskStep, field: str) -> None:

@@ -10,8 +10,11 @@ from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 
-KEPT: Final = 24
-"""So many ticks are remembered: a quarter of a second of them at 100 a second, and images are 0.04 s late."""
+KEPT: Final = 64
+"""So many ticks are remembered …"""
+APART: Final = 0.009
+"""… at least so far apart [s]: over half a second of them, whatever the planner's rate. A camera of 5 images a second
+that is 0.1 s late, and looked at until the next image comes, shows what was 0.3 s ago."""
 _ROW: Final = 1 + POSE_SIZE
 """Numbers of a tick: its time and X_WT."""
 PAST_SIZE: Final = KEPT * _ROW
@@ -24,8 +27,10 @@ def no_past() -> Array:
 
 
 def remembering(past: Array, now: float, X_WT: Array) -> Array:
-    """Return the past (PAST_SIZE) with the tool at X_WT (7) now [s]; the oldest goes."""
-    return np.concatenate([past[_ROW:], [now], X_WT])
+    """Return the past (PAST_SIZE) with the tool at X_WT (7) now [s]; the oldest goes, or the newest if it is so new."""
+    newest, before = past[-_ROW], past[-2 * _ROW]
+    too_near = before >= 0.0 and newest - before < APART
+    return np.concatenate([past[:-_ROW] if too_near else past[_ROW:], [now], X_WT])
 
 
 def tool_at(past: Array, time: float) -> tuple[Array, Array] | None:
