@@ -61,12 +61,9 @@ def replay_scenario(
         place = place_of(log)
         if not (place / SCENARIO_FILE).is_file():
             raise TwinError(f"{log}: no recording: it has no {SCENARIO_FILE}")
-        if model is not None:
-            raise TwinError(f"--model goes with a bare log; {log} is a recording and names its own")
-        if columns is not None:
-            raise TwinError(f"--columns goes with a bare log; {log} is a recording and names its own")
-        if joints:
-            raise TwinError(f"--joints goes with a bare log; {log} is a recording and names its own")
+        for option, told in (("--model", model), ("--columns", columns), ("--joints", joints or None)):
+            if told is not None:
+                raise TwinError(f"{option} goes with a bare log; {log} is a recording and names its own")
         if constants:
             raise TwinError(f"--torque-constants goes with a bare log; {log} is a recording and holds torques")
         scenario = load_scenario(place / SCENARIO_FILE)
