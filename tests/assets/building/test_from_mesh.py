@@ -157,6 +157,15 @@ def test_what_is_not_watertight_says_so(tmp_path: Path) -> None:
     assert read_spec(tmp_path / "lib" / "a").volume_by == "hull"
 
 
+def test_a_ball_that_is_hollow_and_closed_is_one_piece(tmp_path: Path) -> None:
+    outer, inner = (trimesh.creation.icosphere(subdivisions=3, radius=radius) for radius in (0.05, 0.04))
+    inner.invert()
+    trimesh.util.concatenate([outer, inner]).export(tmp_path / "ball.stl")
+    built = build_from_mesh(tmp_path / "ball.stl", "ball", tmp_path / "library", density=1000.0)
+    assert read_spec(built.folder).pieces == ["pieces/piece0.obj"]  # twelve of V-HACD's before
+    assert built.mass == pytest.approx(1000 * (outer.volume + inner.volume), rel=1e-4)
+
+
 def test_bodies_that_overlap_are_weighed_as_one_and_said_to(tmp_path: Path) -> None:
     cubes = trimesh.util.concatenate([box(0.06, 0.06, 0.06), box(0.04, 0.04, 0.04, at=(0.03, 0.0, 0.0))])
     built = build_from_mesh(write_stl(tmp_path / "a.stl", cubes), "a", tmp_path / "lib", density=1000.0)

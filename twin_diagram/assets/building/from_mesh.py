@@ -14,13 +14,13 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from twin_diagram.assets.building.inertia import EvenBody, solid_of
+from twin_diagram.assets.building.inertia import EvenBody, enclosed, solid_of
 from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.assets.building.one_texture import one_texture
-from twin_diagram.assets.building.pieces import pieces_of
+from twin_diagram.assets.building.pieces import Pieces, pieces_of
 from twin_diagram.assets.building.shape_errors import ShapeErrors
 from twin_diagram.assets.building.source_mesh import read_source, z_up
-from twin_diagram.assets.building.surface import Surface, weld, with_normals
+from twin_diagram.assets.building.surface import Surface, outer_faces, weld, with_normals
 from twin_diagram.assets.building.write_asset import NewAsset, place_for, write_asset
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import Image
@@ -158,21 +158,15 @@ def build_from_triangles(
     measured = told.measured
     centre = solid.centre if measured is None else np.asarray(measured.centre)
     surface = replace(surface, vertices=surface.vertices - centre)
-    pieces = pieces_of(surface.vertices, surface.faces, solid.volume)
+    pieces = _pieces(surface, solid)
     said = [*notes, *_volume_notes(surface, solid), f"held by {pieces.how}"]
-    mass = told.mass if measured is None else measured.mass
-    if mass is None:
-        mass = (told.density or TUNING.density) * solid.volume
-        if told.density is None:
-            said.append(f"mass not told: {mass:.4g} kg, as if of water; --mass or --density say better")
-    elif mass > TUNING.densest * solid.volume:
-        said.append(f"--mass {mass:g} kg in {solid.volume * 1e6:.4g} cm³ is denser than any metal; is it in grams?")
+    mass = _mass(told, solid, said)
     new = NewAsset(
         name=told.name,
         mesh=with_normals(surface, surface.of_corners(uv)),
         texture=texture,
         solid=replace(solid, centre=solid.centre - centre),
-        mass=float(mass),
+        mass=mass,
         pieces=pieces.vertices,
         origin=centre,
         unit=unit,
@@ -185,7 +179,27 @@ def build_from_triangles(
     folder = write_asset(new, told.library, told.replace_it)
     if symmetries := read_spec(folder).symmetries:
         said.append(f"looks the same turned: {', '.join(symmetries)} (asset.yaml: symmetries)")
-    return BuiltAsset(folder, float(mass), solid.volume, np.ptp(surface.vertices, axis=0), tuple(said))
+    return BuiltAsset(folder, mass, solid.volume, np.ptp(surface.vertices, axis=0), tuple(said))
+
+
+def _pieces(surface: Surface, solid: EvenBody) -> Pieces:
+    """Return convex pieces of a surface; cavities that are closed count as full, for nothing can meet their walls."""
+    faces, volume = surface.faces, solid.volume
+    if surface.closed and len(outer := outer_faces(surface)) < len(faces):
+        faces, volume = outer, enclosed(surface.vertices, outer, "surface").volume
+    return pieces_of(surface.vertices, faces, volume)
+
+
+def _mass(told: AssetPlace, solid: EvenBody, said: list[str]) -> float:
+    """Return the mass that was measured or told, or that of a density [kg]; notes on it are added to what is `said`."""
+    mass = told.mass if told.measured is None else told.measured.mass
+    if mass is None:
+        mass = (told.density or TUNING.density) * solid.volume
+        if told.density is None:
+            said.append(f"mass not told: {mass:.4g} kg, as if of water; --mass or --density say better")
+    elif mass > TUNING.densest * solid.volume:
+        said.append(f"--mass {mass:g} kg in {solid.volume * 1e6:.4g} cm³ is denser than any metal; is it in grams?")
+    return float(mass)
 
 
 def _named(path: Path, make: Callable[[], Made]) -> Made:

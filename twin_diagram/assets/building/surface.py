@@ -163,6 +163,16 @@ def _bodies_outward(vertices: Array, faces: Faces) -> Faces:
     return np.where(wrong[body][:, None], faces[:, ::-1], faces)
 
 
+def outer_faces(surface: Surface) -> Faces:
+    """Return the triangles of a closed surface without those of its cavities, which nothing outside can meet."""
+    one, two, _ = _pairs(surface.faces)
+    graph = coo_matrix((np.ones(len(one)), (one, two)), shape=(len(surface.faces), len(surface.faces)))
+    _, body = connected_components(graph, directed=False)
+    a, b, c = np.moveaxis(surface.vertices[surface.faces] - surface.vertices.mean(axis=0), 1, 0)
+    volumes = np.bincount(body, np.einsum("fi,fi->f", a, np.cross(b, c)))
+    return surface.faces[volumes[body] > 0]
+
+
 def _winding(place: Array, corners: Array) -> float:
     """Return how often triangles (F, 3, 3) wind around a place: 1 inside, 0 outside (van Oosterom, Strackee, 1983)."""
     a, b, c = np.moveaxis(corners - place, 1, 0)
