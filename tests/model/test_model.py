@@ -566,6 +566,8 @@ def test_bad_descriptions_are_refused(tmp_path: Path) -> None:
         Model.load(bad(tmp_path, "<robot name='x'><link"))
     with pytest.raises(ModelError, match="cannot be read"):
         Model.load(bad(tmp_path, "hello", "txt"))
+    with pytest.raises(ModelError, match=r"once it is expanded: xacro \w+\.xacro > arm\.urdf"):
+        Model.load(bad(tmp_path, "<robot name='x'/>", "xacro"))
     with pytest.raises(ModelError, match="no revolute or prismatic joint"):
         Model.load(bad(tmp_path, "<robot name='x'><link name='a'/></robot>"))
     with pytest.raises(ModelError, match="joints: the model has no joint 'knee'; its joints are rail, shoulder, elbow"):

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint
+from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint, WeldJoint
 
 from twin_diagram import scenario
 from twin_diagram.errors import TwinError
-from twin_diagram.model.description import unparsed
+from twin_diagram.model.description import held_joints, unparsed
 from twin_diagram.model.description.add_arm import Arm, add_arm
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Forecast, load_scene
@@ -60,6 +60,7 @@ class Brought:
         home: (n,) within the limits; clear of the table where `stands`.
         stands: whether a pose was found that is clear of the table.
         loose: names of further joints, which have no motor by the description and follow no other joint.
+        held: names of joints of a hand that tendons pull.
         drawn_only: links with a visual and no collision shape: a camera takes them for unknown things.
     """
 
@@ -70,6 +71,7 @@ class Brought:
     home: Array
     stands: bool
     loose: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
     drawn_only: tuple[str, ...] = ()
 
     def notes(self, arm: object) -> list[str]:
@@ -78,6 +80,9 @@ class Brought:
         if self.loose:
             loose = f"{', '.join(self.loose)}: without a motor in {arm}, so they hang loose"
             said.append(f"{loose}; twin.arm.joints names all that are driven")
+        if self.held:
+            held = f"{', '.join(self.held)}: held, as nothing is read of the tendons in {arm}"
+            said.append(f"{held}; twin.arm.joints names all that are driven")
         if self.drawn_only:
             drawn = f"{', '.join(self.drawn_only)}: drawn, but without a collision shape"
             said.append(f"{drawn}: a camera sees an unknown thing there, and no plan keeps it clear")
@@ -137,13 +142,15 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None, j
     lower = np.array([float(joint.position_lower_limits()[0]) for joint in own])
     upper = np.array([float(joint.position_upper_limits()[0]) for joint in own])
     home, stands = _home(spec, lower, upper, packages)
-    held = {*added.joints, *added.gripper_joints, *unparsed.of_all(unparsed.following, added.parts)}
+    known = {*added.joints, *added.gripper_joints, *unparsed.of_all(unparsed.following, added.parts)}
     movable = [j.name() for j in _joints(plant, added) if isinstance(j, (RevoluteJoint, PrismaticJoint))]
-    loose = tuple(name for name in movable if name not in held)
+    loose = tuple(name for name in movable if name not in known)
+    welds = () if joints else (joint.name() for joint in _joints(plant, added) if isinstance(joint, WeldJoint))
+    held = tuple(name.removesuffix(held_joints.HELD) for name in welds if name.endswith(held_joints.HELD))
     links = [plant.get_body(index) for instance in added.instances for index in plant.GetBodyIndices(instance)]
     drawn = [link for link in links if plant.GetVisualGeometriesForBody(link)]
     drawn_only = tuple(link.name() for link in drawn if not plant.GetCollisionGeometriesForBody(link))
-    return Brought(added.joints, lower, upper, frames, home, stands, loose, drawn_only)
+    return Brought(added.joints, lower, upper, frames, home, stands, loose, held, drawn_only)
 
 
 def _tool_first(frames: tuple[str, ...]) -> tuple[str, ...]:

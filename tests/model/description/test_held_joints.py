@@ -160,4 +160,7 @@ def test_knuckles_of_a_hand_that_tendons_pull_are_held(tmp_path: Path, pull: str
     assert add_arm(plant, path).joints == ("shoulder",)
     plant.Finalize()
     assert plant.num_velocities() == left and (left > 1 or plant.num_constraints() == 0)
-    assert bool(look_at(path).loose) == (left > 1)
+    brought = look_at(path)
+    knuckles = {"left_driver", "left_coupler", "right_driver"}
+    assert (set(brought.held), bool(brought.loose)) == ((knuckles, False) if left == 1 else (set(), True))
+    assert ("nothing is read of the tendons" in "".join(brought.notes(path))) == (left == 1)

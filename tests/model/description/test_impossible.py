@@ -106,3 +106,12 @@ def test_closed_loops_are_refused(tmp_path: Path, joints: str, said: str) -> Non
     path.write_text(FOUR_BARS.format(links=links, **ends))
     with pytest.raises(ModelError, match=f"closed loop: .*{said}"):
         Model.load(path)
+
+
+def test_moments_that_no_body_has_are_told_by_the_body(tmp_path: Path) -> None:
+    path = tmp_path / "it.xml"
+    path.write_text(MJCF.format(mass="1", lower="-1").replace('"1 1 1"', '".1 .1 .5"'))
+    with pytest.raises(ModelError, match=r"it\.xml: body 'upper': moments of inertia 0\.1 0\.1 0\.5 "):
+        Model.load(path)
+    path.write_text(MJCF.format(mass="1", lower="-1").replace('"1 1 1"', '".1 .1 .2"'))  # a flat plate
+    assert Model.load(path).joints == ("shoulder",)

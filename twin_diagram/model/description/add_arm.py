@@ -255,6 +255,8 @@ def _parsed(
     plant: MultibodyPlant, spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None
 ) -> tuple[ModelInstanceIndex, ...]:
     """Put a description into a plant; what is wrong with it is said in one line."""
+    if Path(spec.model).suffix.lower() == ".xacro":
+        raise ModelError(f"{spec.model}: a xacro is read once it is expanded: xacro {Path(spec.model).name} > arm.urdf")
     try:
         for part in _parts(spec, packages):
             impossible.refuse_impossible(part)

@@ -13,6 +13,9 @@ from pydrake.multibody.tree import Joint, PrismaticJoint, RevoluteJoint, WeldJoi
 from twin_diagram.model.description import joint_tree
 from twin_diagram.model.description.unparsed import Following
 
+HELD = "_held"
+"""Ends the names of the welds in the place of joints."""
+
 
 def beside(arm: Sequence[Joint], every: Sequence[Joint]) -> list[Joint]:
     """Return the joints that move without the arm: what its joints carry, as fingers and wrists, is left out.
@@ -94,4 +97,4 @@ def _weld(plant: MultibodyPlant, joint: Joint) -> None:
         X_FM = RigidTransform(at * joint.translation_axis())
     name, frames = joint.name(), (joint.frame_on_parent(), joint.frame_on_child())
     plant.RemoveJoint(joint)
-    plant.AddJoint(WeldJoint(f"{name}_held", *frames, X_FM))
+    plant.AddJoint(WeldJoint(name + HELD, *frames, X_FM))

@@ -24,6 +24,8 @@ _MOMENTS = ("ixx", "iyy", "izz")
 """About the axes: as attributes and as elements."""
 
 
+_ROUNDED = 1e-9
+"""By this share moments may be off; what is nearer Drake itself takes or refuses."""
 _MADE = ("replicate", "attach", "composite")
 """Of an MJCF: what MuJoCo makes bodies and shapes of."""
 _SAVE = 'give its <compiler> saveinertial="true", load it in MuJoCo, save it by mujoco.mj_saveLastXML, and use that'
@@ -49,6 +51,7 @@ def refuse_impossible(path: Path) -> None:
     root = unparsed.tree(path)
     _refuse_commas(path, root)
     _refuse_unread(path, root)
+    _refuse_unbalanced(path, root)
     masses, limits = reads(root)
     for link, word in masses:
         if (mass := _number(word)) < 0:
@@ -76,6 +79,21 @@ def _refuse_unread(path: Path, root: Element) -> None:
     for geom, said, counts in mjcf_bodies.shapes(root):
         if counts and (_is_shell(said) or said.get("mesh") in shells):
             raise ModelError(f"{path}: geom {_name(geom)!r} is a shell, which Drake takes for solid; {_SAVE}")
+
+
+def _refuse_unbalanced(path: Path, root: Element) -> None:
+    """Refuse principal moments of an MJCF's body that no body has; Drake does not say which body's they are."""
+    if any(compiler.get("inertiafromgeom") == "true" for compiler in root.iter("compiler")):
+        return
+    stated = [(body, inertial) for body in root.iter("body") for inertial in body.findall("inertial")]
+    for body, inertial in stated:
+        moments = [_number(word) for word in inertial.get("diaginertia", "").split()]
+        if _number(inertial.get("mass")) > 0.0 and 2.0 * max(moments, default=0.0) > (1.0 + _ROUNDED) * sum(moments):
+            said = " ".join(f"{moment:g}" for moment in moments)
+            raise ModelError(
+                f"{path}: body {_name(body)!r}: moments of inertia {said} kg·m²: none can be more than the other two "
+                "together; Drake does not balance them as MuJoCo can"
+            )
 
 
 def _is_shell(said: Mapping[str, str]) -> bool:
