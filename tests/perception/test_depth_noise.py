@@ -79,6 +79,27 @@ def test_a_picture_without_noise_or_with_little_in_it_has_the_least() -> None:
     assert measured(depth) == measured(np.zeros((480, 640))) == measured(depth[:30, :60]) == least
 
 
+def told_in_file(disparity: Array, unit: float) -> Array:
+    """Depth [m] of disparities of a focal length times baseline of 43.5 px m, as a file of such a unit holds it."""
+    return np.asarray(np.float32(np.round(43.5 / disparity / unit) * unit))
+
+
+@pytest.mark.parametrize("unit", [0.001, 0.0001])
+def test_who_rounds_disparities_has_what_lasts_and_a_renderers_noise_stays_white(unit: float) -> None:
+    depth, rng = planes(4)
+    there = depth > 0.0
+    disparity = 43.5 / np.where(there, depth, 1.0) + 0.06 * rng.standard_normal(depth.shape)
+    smooth, rounded = (
+        measured(np.where(there, told_in_file(each, unit), 0.0))
+        for each in (disparity, np.round(disparity * 8.0) / 8.0)
+    )
+    assert smooth.growth == pytest.approx(0.06 / 43.5, rel=0.1)
+    assert (smooth.correlated, smooth.lasting) == (0.0, 0.0)
+    white = np.sqrt(0.06**2 + 0.125**2 / 12.0) / 43.5
+    assert rounded.growth == pytest.approx(white * np.sqrt(1.5), rel=0.1)
+    assert rounded.lasting == pytest.approx(1.0 / 3.0)
+
+
 @pytest.mark.parametrize("lag", [1, 3, 10])
 def test_second_differences_of_patches(lag: int) -> None:
     field = np.concatenate([correlated((480, 640), 2.5, np.random.default_rng(k)) for k in range(4)])

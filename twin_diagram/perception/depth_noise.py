@@ -43,7 +43,15 @@ class Tuning:
     """Patches of less variance than this share of white noise's are none: edges and curved things make some."""
 
     enough: int = 2000
-    """Second differences below this number say nothing."""
+    """Second differences, or pixels, below this number say nothing."""
+
+    crowded: int = 20
+    """A depth that so many pixels show has neighbours one unit of the file away by chance, were nothing rounded but by
+    the file: one in e²⁰ has none."""
+
+    uneven: tuple[float, float] = (1.2, 0.25)
+    """Depths are a disparity's where gaps between crowded ones are so many times the least, for this share of pixels
+    and more: they grow by depth's square, a file's unit does not."""
 
     fewest: int = 30
     """Residuals below this number say nothing about the sheet: their scale is off by a seventh and more."""
@@ -97,7 +105,8 @@ def measured(depth: npt.NDArray[np.floating]) -> DepthSigma:
     On a plane the inverse of depth is linear in the pixels: second differences along rows hold noise alone, over a
     pixel the white part, over more pixels that which neighbours share, too. Their median size is the planes' where
     these fill most of the image. Stereo's error is that of the inverse, the same for all depths. A picture with too
-    little in it, or with no noise, is taken for one of the least noise.
+    little in it, or with no noise, is taken for one of the least noise. White noise is a renderer's, unless depth comes
+    in steps of disparity: a camera that rounds these may hide patches, and has what lasts.
     """
     with np.errstate(divide="ignore"):
         inverse = np.where(depth > 0.0, 1.0 / depth.astype(float), np.nan)
@@ -113,12 +122,23 @@ def measured(depth: npt.NDArray[np.floating]) -> DepthSigma:
     # Two equations: white and patches. What a patch leaves over one pixel is little, but not nothing.
     white, patch = np.linalg.solve([[near, patch_near], [far, patch_far]], variance)
     white, patch = max(float(white), 0.0), max(float(patch), 0.0)
-    if patch <= TUNING.white * white or patch < TUNING.least**2:
-        return DepthSigma(growth=max(float(np.sqrt(white)), TUNING.least))
     waves = TUNING.waves * patch
-    whole = white + patch + waves
-    growth = max(float(np.sqrt(whole)), TUNING.least)
-    return DepthSigma(0.0, growth, 0.0, patch / whole, waves / whole)
+    if patch <= TUNING.white * white or patch < TUNING.least**2:
+        rounded = white > TUNING.least**2 and _rounded_disparity(depth)
+        patch, waves = 0.0, TUNING.waves * white if rounded else 0.0
+    growth = max(float(np.sqrt(white + patch + waves)), TUNING.least)
+    return DepthSigma(0.0, growth, 0.0, patch / growth**2, waves / growth**2)
+
+
+def _rounded_disparity(depth: npt.NDArray[np.floating]) -> bool:
+    """Return whether depth (h, w) [m] with noise comes in steps that grow with depth, not in the file's unit alone."""
+    value, count = np.unique(depth[depth > 0.0], return_counts=True)
+    gap, pixels = np.diff(value.astype(float)), np.minimum(count[1:], count[:-1])
+    gap, pixels = gap[pixels >= TUNING.crowded], pixels[pixels >= TUNING.crowded]
+    if pixels.sum() < TUNING.enough:
+        return False
+    times, share = TUNING.uneven
+    return bool(pixels[gap > times * gap.min()].sum() > share * pixels.sum())
 
 
 def _second(lag: int, sigma: float) -> float:

@@ -11,7 +11,9 @@ import pytest
 
 from twin_diagram.assets import Asset, symmetry
 from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, other_poses, visible
+from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.rotation import exp
+from twin_diagram.perception.registration.turned_alike import probability, unweighed
 
 Array = npt.NDArray[np.float64]
 
@@ -75,6 +77,8 @@ def test_what_symmetries_tell_is_no_mistake(symmetries: tuple[tuple[int, int], .
     given = ModelCloud.of(plates(), 100)
     told = replace(given, turns=turns, asset=replace(plates(), symmetries=symmetries))
     np.testing.assert_array_equal(told.mistaken, kept)
+    one = RegisteredPose(np.eye(3), np.zeros(3), np.eye(6), 1.0, 1.0, 1.0, 100.0)
+    assert (probability(unweighed(told, one).odds) > 0.99) == (left == 0), "of no other pose it is sure at once"
 
 
 @pytest.mark.parametrize(("angle", "alike"), [(44.0, True), (47.0, False)])

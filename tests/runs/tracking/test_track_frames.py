@@ -557,6 +557,7 @@ def test_a_real_cameras_calibration_is_doubted_where_nothing_is_told(posed: bool
     real = DepthSigma(correlated=0.6)
     doubt = track_frames._doubt(folder, real)
     assert doubt.shift == shift and doubt.depth_scale == 0.01 and (doubt.turn > 0.0) == posed
+    assert track_frames._doubt(folder, DepthSigma(lasting=0.3)) == doubt, "as that of who rounds disparities"
     assert not track_frames._doubt(folder, DepthSigma(correlated=0.0)).variances.any(), "white noise is a renderer's"
     folder.calibration = CalibrationError(0.001)
     assert track_frames._doubt(folder, real).depth_scale == 0.0

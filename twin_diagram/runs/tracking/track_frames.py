@@ -49,7 +49,7 @@ FARTHEST = 100.0
 """No depth camera sees farther [m]."""
 REAL = CalibrationError(shift=0.005, turn=np.radians(0.5), focal=0.003, centre=1.0, depth_scale=0.01)
 """How well a depth camera is calibrated of which nothing is told, RMS: as good cameras on a hand-eye calibration are.
-One whose noise is white is a renderer's, and exact."""
+One whose noise is white, and not rounded by a disparity's steps, is a renderer's, and exact."""
 NEAREST = 0.01
 """Nor is anything in its focus that is nearer [m]."""
 LEAST_SHOWN = 0.002
@@ -274,7 +274,7 @@ def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> list[tup
 
 def _doubt(folder: FrameFolder, noise: DepthSigma) -> CalibrationError:
     """Return how far off the camera may be: as is told, or as cameras with such noise are."""
-    error = folder.calibration or (REAL if noise.correlated > 0.0 else CalibrationError())
+    error = folder.calibration or (REAL if noise.correlated + noise.lasting > 0.0 else CalibrationError())
     # Where no poses are told W is the camera's own frame.
     return error if folder.posed else replace(error, shift=0.0, turn=0.0)
 
