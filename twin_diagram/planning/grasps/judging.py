@@ -150,8 +150,9 @@ def settle(
     other = others.among(slab)
     stop = np.minimum(ahead.palm, finger_stop(slab, gripper, ahead.margin, offset, other))
     p = p + offset[:, None] * R[:, :, 1]
-    over = np.full(len(R), np.inf)
+    over, rising = np.full(len(R), np.inf), np.zeros(len(R))
     if others.table is not None:
+        rising = R[:, :, 2] @ others.table[:3]
         over = table_stop(gripper, R, p, others.table, TUNING.retreat)
     code = np.zeros(len(R), dtype=np.int64)
     pushed = depth is None
@@ -162,14 +163,14 @@ def settle(
         depth = np.where(np.isfinite(depth), depth, 0.0)
         if target.viewpoint is None:  # else its far end is not seen
             back = drawn_back(slab, gripper, offset, depth, other)
-            rising = np.zeros(len(R)) if others.table is None else R[:, :, 2] @ others.table[:3]
             depth = np.where(rising > 1e-9, depth, back)  # drawn back from below, it would be in the table
     else:  # may be in touch already: the gap is for poses that are found here
         code[over < depth - CLOSING.gap] = _CODE["into the table"]
         code[stop < depth - CLOSING.gap] = _CODE["in collision"]
     closing = close(slab, target.normals, R, gripper, offset, depth, other)
-    if pushed and target.viewpoint is None and others.table is None:
-        depth, closing = _before_the_roots(slab, target.normals, R, gripper, offset, depth, other, closing)
+    if pushed and target.viewpoint is None:
+        first = closing.roots_first & (rising <= 1e-9)  # what rises is let out into the table
+        depth, closing = _before_the_roots(slab, target.normals, R, gripper, offset, depth, other, closing, first)
     p = p + depth[:, None] * R[:, :, 2]
     found, seen = _held(target, gripper, R, p, closing)
     code = np.where(code > 0, code, found)
@@ -182,18 +183,26 @@ def settle(
 
 
 def _before_the_roots(
-    slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array, depth: Array, other: Flags, closing: Closing
+    slab: Slab,
+    normals: Array,
+    R: Array,
+    gripper: Gripper,
+    offset: Array,
+    depth: Array,
+    other: Flags,
+    closing: Closing,
+    first: Flags,
 ) -> tuple[Array, Closing]:
-    """Return depths (K,), and what is held there, where what would meet the fingers behind the pads is let out.
+    """Return depths (K,), and what is held, where what would meet the fingers behind the pads (`first`) is let out.
 
     The wall of a bowl or a tray, pushed in as far as it goes, leans against the fingers' roots; its rim can be held.
     """
-    if not closing.roots_first.any():
+    if not first.any():
         return depth, closing
-    kept = closing.roots_first[slab.pose]
+    kept = first[slab.pose]
     part, others = slab.where(kept), other[kept]
-    depth = np.where(closing.roots_first, rim_depth(part, gripper, offset, depth, others), depth)
-    return depth, closing.or_else(close(part, normals, R, gripper, offset, depth, others), closing.roots_first)
+    depth = np.where(first, rim_depth(part, gripper, offset, depth, others), depth)
+    return depth, closing.or_else(close(part, normals, R, gripper, offset, depth, others), first)
 
 
 def _wider(most: Array, least: Array, gripper: Gripper) -> Flags:
