@@ -29,6 +29,7 @@ from twin_diagram.perception.registration.global_search import (
 from twin_diagram.perception.registration.point_kernels import COARSE
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.segmentation.planes import Plane
+from twin_diagram.perception.segmentation.segmentation import level
 
 Array = npt.NDArray[np.float64]
 PARAMS = scenario.Registration()
@@ -75,7 +76,9 @@ def test_starts_stand_on_the_table_with_their_visible_points_about_the_segments_
                     for rows, sign in zip(aside, (1.0, -1.0), strict=True):
                         rows.append((R, p + ((low + high) / 2.0 + sign * slack / 2.0) * side, height))
         rows = wanted + aside[0] + aside[1]
-        # What begins this high may lie on something: as many starts are laid there.
+        # What begins this high above a table in view may lie on something: as many starts are laid there.
+        assert len(found.p) == len(rows)
+        found = starts(cloud, replace(image, planes=(level(0.0),)), points, orientations)
         low = np.percentile(points[:, 2] - np.column_stack([points[:, :2], np.ones(len(points))]) @ TABLE, 2.0)
         assert low > 0.02 and len(found.p) == 2 * len(rows)
         np.testing.assert_allclose(found.R[len(rows) :], found.R[: len(rows)])

@@ -85,7 +85,7 @@ class Image:
         return SimpleNamespace(registration=self.answers.pop(0)) if self.answers else None
 
 
-KNOWN = Known(SimpleNamespace(radius=0.04, turns=[], coloured=True), ["upright"], ["fallen"])  # type: ignore[arg-type, list-item]
+KNOWN = Known(SimpleNamespace(radius=0.04, turns=[], mistaken=[], coloured=True), ["upright"], ["fallen"])  # type: ignore[arg-type, list-item]
 BAD = {"quality": 0.1}
 FOUND = pose()
 

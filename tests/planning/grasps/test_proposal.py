@@ -343,13 +343,19 @@ def revolved(profile: list[tuple[float, float]], around: int = 64) -> Array:
     return np.asarray(both[area > 1e-12])
 
 
-@pytest.mark.parametrize(("wall", "on_table"), [(0.003, False), (0.003, True), (0.005, True)])
-def test_a_bowl_that_is_too_wide_is_held_at_its_rim(wall: float, on_table: bool) -> None:
+BOWLS = [(0.003, False, 64), (0.003, True, 64), (0.005, True, 64)]
+"""Wall [m], whether it stands on a table, and of how many flat sides it is made."""
+
+
+@pytest.mark.parametrize(
+    ("wall", "on_table", "sides"), [(0.003, True, 32), *(pytest.param(*bowl, marks=pytest.mark.long) for bowl in BOWLS)]
+)
+def test_a_bowl_that_is_too_wide_is_held_at_its_rim(wall: float, on_table: bool, sides: int) -> None:
     """16 cm across: its wall curves away by 0.7 mm along a pad; of ten, five or fewer were found before."""
     angles = np.linspace(0.05, 1.35, 24)
     outside = [(0.08 * np.sin(angle), 0.08 * (1 - np.cos(angle))) for angle in angles]
     inside = [((0.08 - wall) * np.sin(angle), 0.08 - (0.08 - wall) * np.cos(angle)) for angle in angles[::-1]]
-    triangles = revolved([(0.0, 0.0), *outside, *inside, (0.0, wall)])
+    triangles = revolved([(0.0, 0.0), *outside, *inside, (0.0, wall)], sides)
     points = dense_points(triangles, 0.002)
     table = np.array([0.0, 0.0, 1.0, 0.0]) if on_table else None
     found = grasps_of_mesh(triangles, PANDA_HAND, table=table)

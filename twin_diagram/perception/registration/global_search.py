@@ -196,6 +196,8 @@ def starts(model: ModelCloud, frame: Frame, points_W: Array, orientations: list[
 
 def _raised(frame: Frame, points_W: Array) -> list[float]:
     """Return how high above the table a segment may lie: as high as it begins, and on lids that are part of it [m]."""
+    if not frame.planes:  # No table in view: nothing tells how high above one anything begins.
+        return []
     low, top = extent(points_W, frame.table)
     found = [low] if low > TUNING.upon else []
     for plane in frame.planes:
