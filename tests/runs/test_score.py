@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -98,6 +99,26 @@ def test_a_turn_about_the_axis_of_symmetry_is_free_and_its_tilt_is_not(turn: flo
     first = Rotation.random(None, np.random.default_rng(seed))
     second = first * Rotation.from_euler("z", turn) * Rotation.from_euler("x", tilt)
     assert rotation_angle(wxyz(first), wxyz(second), "z") == pytest.approx(tilt, abs=1e-7)
+
+
+@given(st.integers(0, 3), st.booleans(), st.floats(0.0, 0.7), st.integers(0, 2**31))
+def test_turns_that_symmetries_tell_of_are_no_errors(quarters: int, over: bool, tilt: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    first = Rotation.random(3, rng)
+    alike = Rotation.from_euler("z", 0.5 * np.pi * quarters) * Rotation.from_euler("x", np.pi * over)
+    axis = rng.normal(size=3)
+    second = first * alike * Rotation.from_rotvec(tilt * axis / np.linalg.norm(axis))
+    assert rotation_angle(wxyz(first), wxyz(second), None, ((2, 4), (0, 2))) == pytest.approx(tilt, abs=1e-7)
+    round_too = first * Rotation.from_euler("z", tilt) * alike * Rotation.from_euler("y", tilt)
+    assert rotation_angle(wxyz(first), wxyz(round_too), "z", ((2, 4), (0, 2))) == pytest.approx(tilt, abs=1e-7)
+
+
+def test_a_box_that_looks_the_same_after_half_a_turn_is_not_off_by_it() -> None:
+    half = np.array([0.0, 0.0, 0.0, 1.0])
+    run = record(poses_estimated=poses(half), symmetries={"box": ((2, 2),)})
+    angle = rotation_angle(TRUTH[:4], half)
+    off = [summary(one)["objects"]["box"]["rotation_error_deg"]["p95"] for one in (replace(run, symmetries={}), run)]
+    assert off == [pytest.approx(np.degrees(angle)), pytest.approx(np.degrees(min(angle, np.pi - angle)))]
 
 
 def test_rotation_angle_keeps_leading_axes() -> None:

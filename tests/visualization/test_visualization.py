@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import re
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import scenario
+from twin_diagram.runs.score import RunRecord
 from twin_diagram.runtime import atomic_file
 from twin_diagram.scene.twin_scene import add_twin_scene
 from twin_diagram.signals.layouts import ObjectStatus
@@ -184,28 +184,7 @@ def test_tracks_are_ordered_so_that_few_wires_cross() -> None:
 # Plots.
 
 
-@dataclass
-class Samples:
-    time: np.ndarray
-    seen: np.ndarray
-    poses_true: np.ndarray
-    poses_estimated: np.ndarray
-    status: np.ndarray
-    arm_true: np.ndarray
-    arm_estimated: np.ndarray
-    mass: np.ndarray
-    mass_std: np.ndarray
-    clearance: np.ndarray
-    goal_error: np.ndarray
-    objects: list
-    symmetric_axis: dict
-    prismatic: tuple[str, ...] = ()
-
-    def joint_names(self) -> list[str]:
-        return [f"axis_{k}" for k in range(self.arm_true.shape[1] // 2)]
-
-
-def samples(objects: int = 2, count: int = 60) -> Samples:
+def samples(objects: int = 2, count: int = 60) -> RunRecord:
     time = np.arange(count) / 60
     poses = np.tile([1.0, 0, 0, 0, 0.5, 0, 0.1], (count, objects, 1))
     turned = poses.copy()
@@ -214,10 +193,11 @@ def samples(objects: int = 2, count: int = 60) -> Samples:
     status = np.full((count, objects), int(ObjectStatus.TRACKED))
     status[:5] = ObjectStatus.UNSEEN
     status[20:30] = ObjectStatus.STALE
-    return Samples(
+    return RunRecord(
         time, np.ones((count, objects)), poses, turned, status, np.zeros((count, 14)), np.full((count, 14), 1e-4),
-        0.8 * np.ones(count), 0.1 * np.ones(count), 0.1 + 0 * time, 0.5 - 0.4 * time,
-        ["mug", "can"][:objects], {"mug": None, "can": "z"},
+        0.8 * np.ones(count), 0.1 * np.ones(count), 0.1 + 0 * time, np.zeros(count, dtype=np.int64), 0.5 - 0.4 * time,
+        0 * time, np.zeros((32, 3)), ["mug", "can"][:objects], {"mug": None, "can": "z"}, {},
+        [f"axis_{k}" for k in range(7)],
     )  # fmt: skip
 
 

@@ -148,6 +148,18 @@ def apart(R: Array, others: Array, symmetries: tuple[tuple[int, int], ...]) -> A
     return np.asarray(np.arccos(np.clip(cosine.max(axis=1), -1.0, 1.0)))
 
 
+def angles(first: Array, second: Array, symmetries: tuple[tuple[int, int], ...]) -> Array:
+    """Return (…,) by what angles orientations differ, up to symmetries [rad].
+
+    Args:
+        first: (…, 4) unit quaternions (w, x, y, z).
+        second: (…, 4) likewise.
+        symmetries: as `parsed` returns them.
+    """
+    between = rotations.matrix(rotations.multiply(rotations.conjugate(first), second))
+    return apart(np.eye(3), between.reshape(-1, 3, 3), symmetries).reshape(between.shape[:-2])
+
+
 @cache
 def _repeated(symmetries: tuple[tuple[int, int], ...]) -> Array:
     """Return (T, 3, 3) all turns that follow from those about axes, none first."""

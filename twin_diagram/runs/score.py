@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.assets import symmetry
 from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ALARM_LOG_FIELDS, AlarmKind
@@ -51,6 +52,8 @@ class RunRecord:
         goal_error: (T,) distance of the tool from its goal [m], NaN without one.
         goal_angle: (T,) the same for its orientation [rad].
         alarm_log: (32, 3) the drift monitor's ring at the end.
+        symmetric_axis: by object, `z` where a turn about it is free.
+        symmetries: by object, axis of O (0 to 2) and repetitions (0: any) of turns that do not count.
         joints: names of the n joints, in the order of `arm_true`; empty: they are numbered from 1.
         prismatic: which of them are.
     """
@@ -71,6 +74,7 @@ class RunRecord:
     alarm_log: Array
     objects: Sequence[str] = field(default_factory=list)
     symmetric_axis: Mapping[str, str | None] = field(default_factory=dict)
+    symmetries: Mapping[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
     joints: Sequence[str] = ()
     prismatic: Collection[str] = ()
 
@@ -78,18 +82,30 @@ class RunRecord:
         """Return the joints' names."""
         return list(self.joints) or [f"joint {k + 1}" for k in range(self.arm_true.shape[1] // 2)]
 
+    def rotation_error(self, index: int) -> Array:
+        """Return (T,) the angles between an object's true and estimated orientations, up to symmetries [rad]."""
+        true, estimated = self.poses_true[:, index, :4], self.poses_estimated[:, index, :4]
+        name = self.objects[index]
+        return rotation_angle(true, estimated, self.symmetric_axis.get(name), self.symmetries.get(name, ()))
 
-def rotation_angle(first: Array, second: Array, symmetric_axis: str | None = None) -> Array:
-    """Return the angle between orientations.
+
+def rotation_angle(
+    first: Array, second: Array, symmetric_axis: str | None = None, symmetries: tuple[tuple[int, int], ...] = ()
+) -> Array:
+    """Return the angle between orientations, up to symmetries.
 
     Args:
         first: (…, 4) unit quaternions (w, x, y, z).
         second: (…, 4) likewise.
         symmetric_axis: ``z`` counts only the tilt of the body's z axis.
+        symmetries: further turns that do not count, as of `assets.symmetry.parsed`.
 
     Returns:
         (…,) angles [rad].
     """
+    further = tuple(one for one in symmetries if symmetric_axis != "z" or one[0] != 2)
+    if further:
+        return symmetry.angles(first, second, (*further, (2, 0)) if symmetric_axis == "z" else further)
     if symmetric_axis == "z":
         dot = np.einsum("...i,...i", _z_axis(first), _z_axis(second))
         return np.arccos(np.clip(dot, -1.0, 1.0))
@@ -165,7 +181,7 @@ def _object_errors(record: RunRecord, index: int) -> dict[str, Any]:
     missed = visible & (time >= time[np.argmax(visible)] + TUNING.settled) & (record.status[:, index] == 0)
     difference = record.poses_estimated[:, index, 4:] - record.poses_true[:, index, 4:]
     position = 1e3 * np.linalg.norm(difference, axis=-1)
-    rotation = np.degrees(rotation_angle(record.poses_true[:, index, :4], record.poses_estimated[:, index, :4], axis))
+    rotation = np.degrees(record.rotation_error(index))
     # A frame in which the object is in sight but not tracked counts as an infinite error, not as no error.
     position, rotation = np.where(missed, np.inf, position), np.where(missed, np.inf, rotation)
     counted |= missed

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context
 from twin_diagram.model.description.followers import Followers
 from twin_diagram.planning.tasks.bearing import upon_middle
 from twin_diagram.planning.tasks.step_state import Phase, Step, TaskState, steps_of
-from twin_diagram.signals import rotations
+from twin_diagram.runs.score import rotation_angle
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING
 from twin_diagram.signals.pose_vectors import compose, errors
@@ -138,9 +138,8 @@ class TaskScore:
                 goal = step.goal.copy()
                 if below:
                     goal = self._upon(step, poses[below])
-                if self._loop.twin.library[name].symmetric_axis:
-                    goal[:4] = rotations.fold_about_z(goal[:4], poses[name][:4])
-                off, angle = errors(goal, poses[name])
+                asset, (off, _) = self._loop.twin.library[name], errors(goal, poses[name])
+                angle = rotation_angle(goal[:4], poses[name][:4], asset.symmetric_axis, asset.symmetries)
                 placed[name] = {"off_mm": round(1e3 * off, 2), "off_deg": round(float(np.degrees(angle)), 2)}
         return {"placed": placed, "collisions": dict(self.counts), "touched": self._told}
 

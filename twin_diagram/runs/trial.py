@@ -149,6 +149,7 @@ class _Sampler:
         self._truth_index = [self._truth_names.index(name) for name in self._objects]
         assets = [Asset.load(loop.twin.library[name].folder) for name in self._objects]
         self._symmetric = {name: asset.symmetric_axis for name, asset in zip(self._objects, assets, strict=True)}
+        self._symmetries = {name: asset.symmetries for name, asset in zip(self._objects, assets, strict=True)}
         self._surfaces = [
             (a.points_O[: TUNING.seen_points].copy(), a.normals_O[: TUNING.seen_points].copy()) for a in assets
         ]
@@ -200,6 +201,7 @@ class _Sampler:
             alarm_log=ring,
             objects=self._objects,
             symmetric_axis=self._symmetric,
+            symmetries=self._symmetries,
             joints=model.joints,
             prismatic=model.prismatic,
         )

@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from twin_diagram.runtime import atomic_file
-from twin_diagram.signals import rotations, units
+from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ObjectStatus
 from twin_diagram.signals.stretches import stretches
@@ -97,6 +97,9 @@ class Run(Protocol):
     def joint_names(self) -> list[str]:
         """Return the joints' names."""
 
+    def rotation_error(self, index: int) -> Array:
+        """Return (T,) how far an object's estimated orientation is off, up to symmetries [rad]."""
+
 
 def write_plots(run: Run, summary: Mapping[str, Any], folder: str | Path) -> list[Path]:
     """Write ``objects.png``, ``arm.png``, ``payload.png``, ``clearance.png`` and ``timing.png``.
@@ -157,14 +160,9 @@ def objects(run: Run, path: Path) -> Path:
 
 
 def object_errors(run: Run) -> tuple[Array, Array]:
-    """Return (T, K) position errors [mm] and rotation errors [°]; of a symmetric object, the tilt of its axis alone."""
+    """Return (T, K) position errors [mm] and rotation errors up to symmetries [°]."""
     position = 1e3 * np.linalg.norm(run.poses_estimated[..., 4:] - run.poses_true[..., 4:], axis=-1)
-    phi = rotations.difference(run.poses_estimated[..., :4], run.poses_true[..., :4])
-    rotation = np.linalg.norm(phi, axis=-1)
-    for k, name in enumerate(run.objects):
-        if run.symmetric_axis.get(name) == "z":
-            axes = [rotations.matrix(poses[:, k, :4])[:, :, 2] for poses in (run.poses_estimated, run.poses_true)]
-            rotation[:, k] = np.arccos(np.clip(np.sum(axes[0] * axes[1], axis=-1), -1.0, 1.0))
+    rotation = np.array([run.rotation_error(k) for k in range(len(run.objects))]).reshape(position.T.shape).T
     return position, np.degrees(rotation)
 
 
