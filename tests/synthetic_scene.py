@@ -70,6 +70,15 @@ def cylinder_hit(origin: Array, rays: Array, radius: float, half: float) -> tupl
     return np.minimum(side, lid), normal
 
 
+def region(view: Pinhole, centre: Array, R: Array, half: Array) -> tuple[slice, slice]:
+    """Rows and columns of the picture beyond which nothing of a box shows; all where it is beside the camera."""
+    corners = centre + (np.indices((2, 2, 2)).reshape(3, -1).T * 2 - 1) * half @ R.T
+    u, v, depth = view.project(corners)
+    if depth.min() < 0.05 or view.optics.distortion:
+        return slice(None), slice(None)
+    return tuple(slice(max(int(at.min()) - 2, 0), max(int(at.max()) + 3, 0)) for at in (v, u))
+
+
 def picture(
     view: Pinhole,
     things: list[Thing],
@@ -90,30 +99,34 @@ def picture(
     normal = np.broadcast_to([0.0, 0.0, 1.0], rays.shape).copy()
     direction = np.asarray(light)
     for k, thing in enumerate(things):
-        origin, local = (view.p_WC - thing.p) @ thing.R, rays @ thing.R
         half = thing.asset.size / 2
+        rows, columns = at = region(view, thing.p, thing.R, half)
+        # Whole rows are turned, so that no last bit depends on what is looked at.
+        origin, local = (view.p_WC - thing.p) @ thing.R, (rays[rows] @ thing.R)[:, columns]
         if len(thing.asset.convex_pieces[0]) == 8:
             t, n = box_hit(origin, local, half)
         else:
             t, n = cylinder_hit(origin, local, float(half[0]), float(half[2]))
-        new = t < depth
-        depth[new], owner[new] = t[new], k
-        normal[new] = n[new] @ thing.R.T
+        new = t < depth[at]
+        depth[at][new], owner[at][new] = t[new], k
+        normal[at][new] = n[new] @ thing.R.T
         # The corners fix the extent over which the texture is laid out.
         corners = np.array([-half, half])
         points = np.concatenate([corners, origin + t[new][:, None] * local[new]])
-        rgb[new] = patches(points, thing.seed)[2:]
+        rgb[at][new] = patches(points, thing.seed)[2:]
     shade = 0.35 + np.maximum(normal @ direction, 0.0)
     rgb = rgb * shade[..., None]
+    squares = (rays**2).sum(-1)
     for centre, radius in balls or []:
+        rows, columns = at = region(view, centre, np.eye(3), np.full(3, radius))
         offset = view.p_WC - centre
-        a = (rays**2).sum(-1)
-        b = rays @ offset
+        a = squares[at]
+        b = (rays[rows] @ offset)[:, columns]
         root = b**2 - a * (offset @ offset - radius**2)
         with np.errstate(invalid="ignore"):
             t = np.where(root > 0, (-b - np.sqrt(root)) / a, np.inf)
-        new = t < depth
-        depth[new], owner[new], rgb[new] = t[new], -2, 0.7
+        new = t < depth[at]
+        depth[at][new], owner[at][new], rgb[at][new] = t[new], -2, 0.7
     depth = np.where(depth < 3.0, depth, 0.0)
     if rng is not None:
         spoilt = depth + 0.0008 * depth**2 * rng.standard_normal(depth.shape)
