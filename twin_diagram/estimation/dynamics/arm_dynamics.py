@@ -291,11 +291,16 @@ class ArmTerms:
         base = self.inverse_dynamics(q, v, a)
         by_q, by_v = np.empty((self.n, self.n)), np.empty((self.n, self.n))
         plant, context, forces, x = self.plant, self._context, self._forces, self._x
-        for out, index in ((by_q, self._at_q), (by_v, self._at_v)):
+        velocities = x[plant.num_positions() :]
+        # Speeds first: while positions stay as they are, the plant keeps what it has worked out of them.
+        for out, index, put, part in (
+            (by_v, self._at_v, plant.SetVelocities, velocities),
+            (by_q, self._at_q, plant.SetPositionsAndVelocities, x),
+        ):
             for column, i in enumerate(index):
                 kept = x[i]
                 x[i] = kept + step
-                plant.SetPositionsAndVelocities(context, x)
+                put(context, part)
                 plant.CalcForceElementsContribution(context, forces)
                 out[:, column] = plant.CalcInverseDynamics(context, self._a, forces)[self.velocity_index]
                 x[i] = kept

@@ -238,7 +238,7 @@ class StopMonitor(ModelUser[Model]):
         asked = self._value(context, "torque_commanded")
         if asked is None or not np.isfinite(asked).all():
             asked = self.remembered(context).torque
-        output.SetFromVector(np.clip(asked, -self._effort, self._effort))
+        output.SetFromVector(np.minimum(np.maximum(asked, -self._effort), self._effort))
 
     def _calc_brake(self, context: Context, output: BasicVector) -> None:
         state = self.remembered(context)

@@ -166,5 +166,5 @@ def heading(command: Array, before: Array, rate: Array, passed: float, jump: flo
     ahead = before + rate * passed
     if not np.isfinite(command).all():
         return ahead, True
-    held = np.clip(command, ahead - jump, ahead + jump)
-    return held, bool(np.any(held != command))
+    held = np.minimum(np.maximum(command, ahead - jump), ahead + jump)
+    return held, bool((held != command).any())

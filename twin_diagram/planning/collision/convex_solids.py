@@ -169,21 +169,12 @@ class Polytope(Solid):
             raise AssetError(f"a convex piece of {len(points)} points spans no volume") from error
         self._points = hull.points[hull.vertices]
         # Qhull gives triangles: those in one plane are one face.
-        planes = np.round(hull.equations, 9)
-        scale = np.ptp(self._points, axis=0).max()
-        faces: list[tuple[Array, list[int]]] = []
-        for row, equation in enumerate(planes):
-            for known, members in faces:
-                if np.allclose(known[:3], equation[:3], atol=1e-6) and abs(known[3] - equation[3]) < 1e-7 * (1 + scale):
-                    members.append(row)
-                    break
-            else:
-                faces.append((equation, [row]))
-        normals = np.array([hull.equations[members[0], :3] for _, members in faces])
-        offsets = np.array([hull.equations[members[0], 3] for _, members in faces])
+        faces = _in_one_plane(np.round(hull.equations, 9), float(np.ptp(self._points, axis=0).max()))
+        normals = np.array([hull.equations[members[0], :3] for members in faces])
+        offsets = np.array([hull.equations[members[0], 3] for members in faces])
         edges: set[tuple[int, int]] = set()
         sides: list[list[tuple[Array, float]]] = []
-        for face, (_, members) in enumerate(faces):
+        for face, members in enumerate(faces):
             count: dict[tuple[int, int], int] = {}
             for row in members:
                 a, b, c = map(int, hull.simplices[row])
@@ -249,6 +240,26 @@ def bounding_box(points: Array) -> Box:
     """Return a box around points (V, 3), along the axes of their frame."""
     low, high = points.min(axis=0), points.max(axis=0)
     return Box((high - low) / 2, np.eye(3), (high + low) / 2)
+
+
+def _in_one_plane(planes: Array, scale: float) -> list[list[int]]:
+    """Return the rows of planes (T, 4), normal and offset, that are alike, in the order of the first of each.
+
+    Args:
+        planes: as Qhull has them.
+        scale: of the solid [m].
+    """
+    faces: list[list[int]] = []
+    known = np.empty_like(planes)  # of each face the first plane: one by one they took a tick of the planner
+    for row, plane in enumerate(planes):
+        off = np.abs(known[: len(faces)] - plane)
+        alike = (off[:, :3] <= 1e-6 + 1e-5 * np.abs(plane[:3])).all(axis=1) & (off[:, 3] < 1e-7 * (1 + scale))
+        if alike.any():
+            faces[int(alike.argmax())].append(row)
+        else:
+            known[len(faces)] = plane
+            faces.append([row])
+    return faces
 
 
 def solid_of(points: Array) -> Solid:

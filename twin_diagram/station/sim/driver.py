@@ -49,7 +49,7 @@ def follow(q: Array, v: Array, command: Array, speed_limit: Array, dt: float) ->
     """
     w = TUNING.bandwidth
     reach = 2.0 * speed_limit / w
-    e = -np.clip(command - q, -reach, reach)
+    e = -np.minimum(np.maximum(command - q, -reach), reach)
     target = q - e
     decay = np.exp(-w * dt)
     slope = v + w * e

@@ -73,7 +73,7 @@ class Actuators:
         torque, position, velocity = command
         free = torque - self.stiffness * (state[self.position] - position)
         free -= self.damping * (state[self.velocity] - velocity)
-        return np.clip(free, -self.limit, self.limit)
+        return np.minimum(np.maximum(free, -self.limit), self.limit)  # np.clip takes three times as long
 
     def pushes(self, state: Array, time: float) -> Array:
         """Return what the fittings among them give explicitly in a state (x,) of the plant."""

@@ -85,6 +85,7 @@ class Drive(LeafSystem):
         delay = sum(effect.delay for effect in effects)
         self._line = Line(delay / self._step, n) if delay > 0.0 else None
         self._set_motors(plant, arm)
+        self._bare = np.flatnonzero(~np.isfinite(self._motors.limit))  # the plant bounds controlled motors alone
         realised = realisations(effects)
         self._brakes = Brakes(plant, arm, realised)
 
@@ -214,9 +215,10 @@ class Drive(LeafSystem):
         if self._line is not None:
             motors[:] = self._reaching(self._line.end(self._part(context, 3), self._asked(context, command)))
         else:
-            bare = ~np.isfinite(self._motors.limit)  # the plant bounds controlled motors alone
             motors *= self._scale
-            motors[bare] = np.clip(motors[bare], -self._cap[bare], self._cap[bare])
+            bare = self._bare
+            if len(bare):
+                motors[bare] = np.clip(motors[bare], -self._cap[bare], self._cap[bare])
         motors += self._change(context)
         return torque
 
@@ -236,7 +238,9 @@ class Drive(LeafSystem):
 
     def _change(self, context: Context) -> Array:
         """Return (n,) what effects that start or end change in the motors' torque, by the last step's."""
-        before = after = self._given(context) if self._changing else np.zeros(self._n)
+        if not self._changing:
+            return np.zeros(self._n)
+        before = after = self._given(context)
         for effect in self._changing:
             if effect.when.active(np.array(context.get_time())):
                 after = effect.applied(self._joints, after)
