@@ -175,6 +175,30 @@ def test_the_line_of_names_may_be_a_comment(mark: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(log.motor_torque, tau)
 
 
+@pytest.mark.parametrize("mark", [",", ";", " "])
+def test_comments_and_a_line_of_units_are_no_samples(mark: str, tmp_path: Path) -> None:
+    """A map tells units itself; where the file says another one, nobody knows which is right."""
+    t, q, _, tau = motion(2)
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(GOOD))
+    columns = {"time": t, "q0": q[:, 0], "q1": q[:, 1], "t0": tau[:, 0], "t1": list(tau[:, 1])}
+    names, *rows = table(tmp_path / "a.csv", columns, mark).read_text().splitlines()
+    units = mark.join(["s", "rad", "rad", "Nm", "Nm"])
+    path = tmp_path / "b.csv"
+    path.write_text("\n".join(["# q0 of today", names, units, *rows[:7], "# a note", *rows[7:], "# end"]))
+    log = read_log(path, tmp_path / "map.yaml")
+    np.testing.assert_allclose(log.position, q)
+    np.testing.assert_allclose(log.motor_torque, tau)
+    text = path.read_text()
+    path.write_text(text.replace(rows[8], mark.join([*rows[8].split(mark)[:4], "oops"])))
+    with pytest.raises(LogError, match="line 13: t1 is 'oops', not a number"):
+        read_log(path, tmp_path / "map.yaml")
+    path.write_text(text.replace("rad", "deg", 1))
+    with pytest.raises(
+        LogError, match=r"line 3: 'q0' is in 'deg', and .*map\.yaml reads it in 'rad': tell `unit: deg`"
+    ):
+        read_log(path, tmp_path / "map.yaml")
+
+
 @pytest.mark.parametrize("mark", [";", "\t", " "])
 def test_decimals_may_have_commas_where_cells_are_parted_by_something_else(mark: str, tmp_path: Path) -> None:
     """As a spreadsheet writes them in most of Europe."""

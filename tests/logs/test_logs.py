@@ -116,11 +116,21 @@ def csv(count: int = 20, **columns: object) -> str:
         lambda text: "# " + text,
         lambda text: text.replace("\n", ",\n"),
         lambda text: text.replace("\n", ",mode,,\n", 1).replace("1.0\n", "1.0,RUN,,\n"),
+        lambda text: "# my log, at one time\n#\n\n" + text,
+        lambda text: "# my log\n# " + text.replace("\n", "\n# s,rad,N·m\n", 1),
+        lambda text: text.replace("0.02,", "# here it was pushed, 3 times\n0.02,") + "# end\n",
+        lambda text: text.replace("\n", "\n[s],(rad),Nm\n", 1),
+        lambda text: text.replace("\n", ",mode\ns,,N m,\n", 1).replace("1.0\n", "1.0,RUN\n"),
     ],
     ids=[
         "names behind #, as NumPy writes them",
         "a comma at each line's end",
         "words in columns of no signal",
+        "comments above the names",
+        "names and units among comments",
+        "comments amid and below the numbers",
+        "a line of units",
+        "units of some columns",
     ],
 )
 def test_what_other_loggers_write_beside_the_format(tmp_path: Path, change: Callable[[str], str]) -> None:
@@ -130,6 +140,16 @@ def test_what_other_loggers_write_beside_the_format(tmp_path: Path, change: Call
     assert other.joints == plain.joints
     for attribute in ("time", "position", "torque"):
         np.testing.assert_array_equal(getattr(other, attribute), getattr(plain, attribute))
+
+
+def test_a_line_of_units_is_heeded(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(csv().replace("\n", "\nms,deg,kN.m\n".replace("N.m", "N·m"), 1), encoding="utf-8")
+    log = read_log(path)
+    assert log.notes == (f"{path}: line 2 tells units; ms, deg, kN·m are made SI units",)
+    np.testing.assert_allclose(log.time, 1e-5 * np.arange(20))
+    np.testing.assert_allclose(log.position[:, 0], np.radians(0.1 * np.arange(20)))
+    np.testing.assert_allclose(log.motor_torque, 1000.0)
 
 
 def changed(values: list[object], index: int, value: object) -> list[object]:
@@ -165,7 +185,11 @@ BAD_TEXT = {
     .replace(".", ",")
     .replace("position_measured,", "position_measured."),
     r"separated by tabs; .*--columns reads others": csv().replace(",", "\t"),
-    "its first line must name the columns; it is '# my log'": "# my log\n" + csv(),
+    "its first line must name the columns; it is 'my log'": "# of today\nmy log\n" + csv(),
+    "line 9: torque_measured.a is inf, not finite": "# my log\n"
+    + csv(**{"torque_measured.a": changed(ONES[:], 5, "inf")}).replace("0.02,", "# a note\n0.02,"),
+    "line 2: torque_measured.a is in 'mA', which is none of N·m,": csv().replace("\n", "\ns,rad,mA\n", 1),
+    "line 2: time is 'now', not a number": csv().replace("\n", "\nnow,rad,N·m\n", 1),
     "has torque_measured.b but no position_measured.b": csv(**{"torque_measured.b": ONES}),
     "has torque_measured of other joints, but no torque_measured.b": csv(
         **{"position_measured.b": ONES, "torque_commanded.b": ONES, "torque_commanded.a": ONES}

@@ -65,10 +65,12 @@ class Column:
     Attributes:
         name: in the file's first line.
         scale: units of the log format for one of the column's, with its sign.
+        unit: the column's.
     """
 
     name: str
     scale: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,7 @@ def parse(content: Mapping[str, Any], source: str) -> ColumnMap:
         raise LogError(f"{source}: torque_measured: is missing; a log needs measured or commanded torques")
     named = "joints" in content
     currents = _untold_currents(content, [signal for signal in TORQUES_OR_CURRENTS if signal in signals], source)
-    return ColumnMap(source, Column(time["column"], TIMES[unit]), joints, not named, signals, link_side, currents)
+    return ColumnMap(source, Column(time["column"], TIMES[unit], unit), joints, not named, signals, link_side, currents)
 
 
 def _untold_currents(content: Mapping[str, Any], torques: Sequence[str], source: str) -> bool:
@@ -275,7 +277,7 @@ def _columns(signal: str, field: Any, joints: Sequence[str], where: str) -> tupl
         scale = scale * np.where(current, values, 1.0)
     elif "torque_constant" in field:
         raise LogError(f"{where}: torque_constant: goes with a current; the unit is {units[0]}")
-    return tuple(Column(name, float(value)) for name, value in zip(names, scale, strict=True))
+    return tuple(Column(name, float(by), unit) for name, by, unit in zip(names, scale, units, strict=True))
 
 
 def _names(field: Mapping[str, Any], joints: Sequence[str], where: str) -> list[str]:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import reprlib
 import zipfile
-from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +13,8 @@ import numpy as np
 
 from twin_diagram.errors import LogError, expect_path
 from twin_diagram.logs.column_map import column_map
+from twin_diagram.logs.csv_tables import few, read_foreign_table, read_table
+from twin_diagram.logs.csv_units import CURRENT, converted, expect_agreement
 from twin_diagram.logs.measured_log import SIGNALS, Log
 from twin_diagram.signals.arrays import Array
 
@@ -27,9 +26,6 @@ class Tuning:
     fewest: int = 10
     """Samples that make a log: a spline of fifth order and its ends need as many."""
 
-    block: int = 1 << 24
-    """Bytes of a file that are looked at at a time."""
-
 
 TUNING = Tuning()
 
@@ -39,10 +35,6 @@ FOREIGN = "; --columns tells what other names mean"
 """Said where a log's columns are not the format's."""
 SPARE = ("velocity_estimated", "position_commanded")
 """Signals that a log need not have."""
-CURRENT = "current_measured"
-"""A signal that stands for the first of them [A] where a log has none of them."""
-NOTHING = ("", "null", "none", "na", "n/a")
-"""What foreign loggers write, besides NaN, where they have no number."""
 BAGS = (".mcap", ".db3", ".bag")
 """Endings of ROS bags: ROS 2's two stores, and ROS 1."""
 LCM_LOGS = (".lcm", ".lcmlog", ".log")
@@ -89,7 +81,10 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     if stream:
         raise LogError(f"{path}#{stream}: only ROS bags and LCM logs hold several streams")
     if suffix == ".csv":
-        return log_from_columns(read_columns(path), str(path), lambda sample: f"line {sample + 2}")
+        table = read_table(path)
+        found, said = converted(table.columns, table.units, f"{path}: line {table.told}")
+        log = log_from_columns(found, str(path), table.where)
+        return replace(log, notes=(said, *log.notes)) if said else log
     if suffix == ".npz":
         return log_from_columns(_read_npz(path), str(path), lambda sample: f"sample {sample}")
     packed = "; unpack it first" * (suffix in (".gz", ".bz2", ".xz", ".zst", ".zip"))
@@ -104,12 +99,16 @@ def _foreign(path: Path, columns: str | Path) -> Log:
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".npz", ".txt"):
         raise LogError(f"{path}: a map of columns goes with a .csv or .npz log; bags and LCM logs name their signals")
-    found = _read_npz(path) if suffix == ".npz" else read_foreign_columns(path, meaning.names())
-    place = "sample" if suffix == ".npz" else "line"
-    offset = 0 if suffix == ".npz" else 2
+    where: Callable[[int], str] = "sample {}".format
+    if suffix == ".npz":
+        found = _read_npz(path)
+    else:
+        table = read_foreign_table(path, meaning.names())
+        expect_agreement(table.units, meaning, f"{path}: line {table.told}")
+        found, where = table.columns, table.where
     kept, notes = meaning.whole(found, str(path))
     translated = meaning.translated({name: found[name][kept] for name in meaning.names()}, str(path))
-    log = log_from_columns(translated, str(path), lambda sample: f"{place} {kept[sample] + offset}")
+    log = log_from_columns(translated, str(path), lambda sample: where(int(kept[sample])))
     log = replace(log, notes=log.notes + notes, currents=meaning.currents)
     return replace(log, numbered=meaning.numbered, link_side=meaning.link_side)
 
@@ -145,10 +144,10 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
         LogError: as `read_log`.
     """
     if "time" not in columns:
-        raise LogError(f"{source}: has no column `time`; its columns are {_few(list(columns))}{FOREIGN}")
+        raise LogError(f"{source}: has no column `time`; its columns are {few(list(columns))}{FOREIGN}")
     joints = [name.partition(".")[2] for name in columns if name.startswith("position_measured.")]
     if not joints:
-        there = _few(list(columns))
+        there = few(list(columns))
         raise LogError(f"{source}: has no column `position_measured.<joint>`; its columns are {there}{FOREIGN}")
     columns, currents = _currents_as_torques(columns)
     idle = _without_torque(columns, joints)
@@ -198,7 +197,7 @@ def _of_some(columns: Mapping[str, Array], joints: Sequence[str], source: str) -
     for signal in SPARE:
         there = [joint for joint in joints if f"{signal}.{joint}" in columns]
         if 0 < len(there) < len(joints):
-            result.append(f"{source}: {signal} is there of {_few(there)} alone and is left out")
+            result.append(f"{source}: {signal} is there of {few(there)} alone and is left out")
     return result
 
 
@@ -229,143 +228,6 @@ def _check_time(time: Array, columns: Mapping[str, Array], source: str, where: C
         raise LogError(f"{source}: {where(k + 1)}: time {float(time[k + 1])!r} {what}")
 
 
-def read_columns(path: Path) -> dict[str, Array]:
-    """Return the columns of a CSV file of numbers with one line of names, which may begin with `#`.
-
-    What is no number in a column that the log format does not know is NaN.
-
-    The file is read piece by piece: a log of ten minutes at 5 kHz is half a gigabyte of text.
-    """
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            head = file.readline()
-    except UnicodeDecodeError as error:
-        raise _no_text(path) from error
-    names = [name.strip() for name in next(csv.reader([head.lstrip("# ")]), [])]
-    if not any(names):
-        raise LogError(f"{path}: is empty; its first line must name the columns")
-    for mark, called in ((";", "semicolons"), ("\t", "tabs")):
-        if head.strip().count(mark) > head.count(","):
-            raise LogError(f"{path}: columns are separated by {called}; a .csv log uses commas; --columns reads others")
-    if len(names) == 1:
-        raise LogError(f"{path}: its first line must name the columns; it is {reprlib.repr(head.strip())}")
-    for name in names:
-        if name and names.count(name) > 1:
-            raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")
-    table = _quickly(path, len(names))
-    if table is None:
-        table = _slowly(path, names)
-    return {name: table[:, k] for k, name in enumerate(names)}
-
-
-def _no_text(path: Path) -> LogError:
-    return LogError(f"{path}: not a text file; a .csv log is UTF-8 text")
-
-
-def _quickly(path: Path, width: int) -> Array | None:
-    """Return the numbers (N, width) below the first line; None where not every line holds as many."""
-    with path.open("rb") as file:
-        last, lines = b"", 0
-        while block := file.read(TUNING.block):
-            last, lines = block[-1:], lines + block.count(b"\n")
-    lines += last not in (b"\n", b"")
-    if lines < 2:  # NumPy warns of what is empty
-        return None
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            table = np.loadtxt(file, delimiter=",", ndmin=2, comments=None, skiprows=1)
-    except UnicodeDecodeError as error:
-        raise _no_text(path) from error
-    except ValueError:
-        return None
-    return table if table.shape == (lines - 1, width) else None  # NumPy skips blank lines
-
-
-def read_foreign_columns(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
-    """Return those of the wanted columns that a foreign CSV file has; what else stands in it may be text.
-
-    Cells are separated by commas, semicolons, tabs or spaces, whichever the first line shows; that may begin with `#`.
-
-    Raises:
-        LogError: as `read_log`.
-    """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise _no_text(path) from error
-    if not lines or not lines[0].strip():
-        raise LogError(f"{path}: is empty; its first line must name the columns")
-    lines[0] = lines[0].lstrip("# ")
-    mark = next((mark for mark in ",;\t" if mark in lines[0]), "")
-    parted = csv.reader(lines, delimiter=mark, skipinitialspace=True) if mark else [line.split() for line in lines]
-    rows = [[cell.strip() for cell in row] for row in parted]
-    names, rows = rows[0], rows[1:]
-    while rows and not any(rows[-1]):
-        rows.pop()
-    for k, row in enumerate(rows):
-        if len(row) != len(names):
-            raise LogError(f"{path}: line {k + 2} has {len(row)} cell(s), the first line names {len(names)} columns")
-    if lacks := [name for name in wanted if name not in names]:
-        said = f"none of the columns {_few(lacks)}" if len(lacks) == len(wanted) else f"no column {lacks[0]!r}"
-        raise LogError(f"{path}: has {said}, which --columns asks for; its columns are {_few(names)}")
-    for name in wanted:
-        if names.count(name) > 1:
-            raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")
-    places = {name: names.index(name) for name in wanted}
-    return {name: _numbers_of([row[k] for row in rows], path, name, mark) for name, k in places.items()}
-
-
-def _numbers_of(cells: Sequence[str], path: Path, name: str, mark: str) -> Array:
-    comma = "," if mark != "," else "."  # of decimals, as some languages write them
-    there = ["nan" if cell.lower() in NOTHING else cell.replace(comma, ".", 1) for cell in cells]
-    return np.array([_number(cell, f"{path}: line {k + 2}: {name}") for k, cell in enumerate(there)], dtype=float)
-
-
-def _slowly(path: Path, names: Sequence[str]) -> Array:
-    """Read cell by cell: quoted cells and blank lines at the end pass, anything else is named."""
-    cells = array("d")
-    known = [name == "time" or name.partition(".")[0] in (*SIGNALS, CURRENT) for name in names]
-    blank: list[tuple[int, int]] = []
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            file.readline()
-            for k, row in enumerate(csv.reader(file)):
-                if not any(cell.strip() for cell in row):
-                    blank.append((k, len(row)))
-                    continue
-                for at, width in [*blank, (k, len(row))]:
-                    if width != len(names):
-                        raise LogError(
-                            f"{path}: line {at + 2} has {width} cell(s), the first line names {len(names)} columns"
-                        )
-                if blank:
-                    raise LogError(f"{path}: line {blank[0][0] + 2}: {names[0]} is empty")
-                cells.extend(
-                    _number(cell, f"{path}: line {k + 2}: {name}") if counts else _number_or_none(cell)
-                    for name, cell, counts in zip(names, row, known, strict=True)
-                )
-    except UnicodeDecodeError as error:
-        raise _no_text(path) from error
-    except csv.Error as error:
-        raise LogError(f"{path}: is no table of numbers: {error}") from error
-    return np.array(cells).reshape(-1, len(names))
-
-
-def _number(cell: str, where: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        shown = "is empty" if not cell.strip() else f"is {cell.strip()[:40]!r}, not a number"
-        raise LogError(f"{where} {shown}") from None
-
-
-def _number_or_none(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return math.nan
-
-
 def _read_npz(path: Path) -> dict[str, Array]:
     columns: dict[str, Array] = {}
     try:
@@ -393,7 +255,3 @@ def _read_npz(path: Path) -> dict[str, Array]:
 
 def _say(value: float) -> str:
     return "not a number (NaN)" if math.isnan(value) else f"{value}, not finite"
-
-
-def _few(names: Sequence[str]) -> str:
-    return ", ".join(names[:6]) + (", …" if len(names) > 6 else "") if names else "none"
