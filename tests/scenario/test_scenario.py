@@ -359,7 +359,7 @@ def test_the_walk_reaches_every_dataclass() -> None:
 @pytest.mark.parametrize(("path", "kind"), PLACES, ids=[dotted(path) for path, _ in PLACES])
 def test_wrong_types_are_refused_by_field(path: Path_, kind: Any) -> None:
     for wrong in WRONG[kind]:
-        if wrong is None and path in OPTIONAL or wrong == math.inf and "elsewhere" in path:
+        if (wrong is None and path in OPTIONAL) or (wrong == math.inf and "elsewhere" in path):
             continue
         data = one_of_everything()
         place(data, path[:-1])[path[-1]] = wrong

@@ -274,7 +274,7 @@ def _check(value: Any, schema: Any, name: str, endless: bool = False) -> None:
             _check(sub, arguments[1], f"{name}.{_key(key)}", endless)
     elif schema is float:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not (abs(value) <= sys.float_info.max or endless and abs(value) == math.inf):
+        if not number or not (abs(value) <= sys.float_info.max or (endless and abs(value) == math.inf)):
             raise ScenarioError(shown, f"expected a {'' if endless else 'finite '}number, got {_shown(value)}")
     elif schema is bool:
         if not isinstance(value, bool):
