@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from twin_diagram.errors import ScenarioError
-from twin_diagram.scenario import Camera, Scenario, load_scenario
+from twin_diagram.scenario import Camera, DepthCamera, Scenario, Twin, load_scenario
 from twin_diagram.scenario.field_table import rows_at
 from twin_diagram.scenario.lenses import calibration_error, colour_lens, depth_lens
 from twin_diagram.scenario.validation import check_twin
@@ -66,3 +66,11 @@ def test_the_reference_tells_of_each_field() -> None:
         assert all(row.meaning for row in rows_at(Scenario, path)), path
     assert {"fx", "distortion", "X_WC_std"} <= {row.name for row in rows_at(Scenario, "twin.camera")}
     assert Camera().depth is None
+
+
+def test_a_lens_that_folds_the_image_is_refused_by_its_own_name() -> None:
+    folding = Camera(name="side", role="perception", distortion=[-5.0, 0.0, 0.0, 0.0])
+    with pytest.raises(ScenarioError, match=r"twin\.cameras\.side\.distortion: .* folds the image over itself"):
+        check_twin(Twin(cameras={"side": folding}))
+    with pytest.raises(ScenarioError, match=r"twin\.camera\.depth\.distortion: .* folds the image over itself"):
+        check_twin(Twin(camera=Camera(depth=DepthCamera(distortion=[-5.0, 0.0, 0.0, 0.0]))))

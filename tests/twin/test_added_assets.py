@@ -16,6 +16,7 @@ from pydrake.systems.framework import Context
 
 from tests.small_loop import estimates, same, small_scenario
 from twin_diagram.errors import AssetError, TwinError
+from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.planning.collision.convex_solids import solid_of
 from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.planning.paths.guide import Question
@@ -188,3 +189,17 @@ def test_without_eyes_or_slots_nothing_comes_into_use() -> None:
         loop_without_can("twin.camera=null").twin.add_asset(CAN)
     with pytest.raises(TwinError, match=r"no slots for further objects: twin\.slots\.instances"):
         loop_without_can("twin.slots.instances=1").twin.add_asset(CAN)
+
+
+def test_an_asset_that_cannot_be_looked_for_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = loop_without_can()
+    whole = ModelCloud.of
+
+    def fails(asset: Any, view_points: int) -> ModelCloud:
+        raise AssetError("no cloud")
+
+    monkeypatch.setattr(ModelCloud, "of", fails)
+    with pytest.raises(AssetError, match="no cloud"):
+        loop.twin.add_asset(CAN)
+    monkeypatch.setattr(ModelCloud, "of", whole)
+    assert loop.twin.add_asset(CAN) == 1  # after the sugar box

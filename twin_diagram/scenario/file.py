@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import logging
+import math
 import os
 import re
 import reprlib
@@ -21,6 +22,7 @@ from twin_diagram.errors import ScenarioError, expect, expect_path
 from twin_diagram.runtime import atomic_file
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.field_table import nearest
+from twin_diagram.scenario.models import ENDLESS
 from twin_diagram.scenario.resources import models_dir
 
 _brief = reprlib.Repr()
@@ -240,7 +242,7 @@ def _shown(value: Any) -> str:
         return "a number of thousands of digits"
 
 
-def _check(value: Any, schema: Any, name: str) -> None:
+def _check(value: Any, schema: Any, name: str, endless: bool = False) -> None:
     """Hold plain YAML data against a schema of dataclasses and raise with the dotted name of what does not fit."""
     origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     shown = name or "scenario"
@@ -252,12 +254,12 @@ def _check(value: Any, schema: Any, name: str) -> None:
     elif dataclasses.is_dataclass(schema):
         if not isinstance(value, Mapping):
             raise ScenarioError(shown, f"expected fields, got {_shown(value)}")
-        fields = {f.name: f.type for f in dataclasses.fields(schema)}
+        fields = {f.name: f for f in dataclasses.fields(schema)}
         for key, sub in value.items():
             dotted = f"{name}.{_key(key)}" if name else _key(key)
             if key not in fields:
                 raise ScenarioError(dotted, f"unknown field; {nearest(str(key), fields)}")
-            _check(sub, fields[key], dotted)
+            _check(sub, fields[key].type, dotted, ENDLESS in fields[key].metadata)
     elif origin is list:
         if not isinstance(value, list):
             raise ScenarioError(shown, f"expected a list, got {_shown(value)}")
@@ -269,10 +271,11 @@ def _check(value: Any, schema: Any, name: str) -> None:
         for key, sub in value.items():
             if not isinstance(key, str):
                 raise ScenarioError(f"{name}.{_key(key)}", "the name of an entry is text; put it in quotes")
-            _check(sub, arguments[1], f"{name}.{_key(key)}")
+            _check(sub, arguments[1], f"{name}.{_key(key)}", endless)
     elif schema is float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
-            raise ScenarioError(shown, f"expected a finite number, got {_shown(value)}")
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number or not (abs(value) <= sys.float_info.max or (endless and abs(value) == math.inf)):
+            raise ScenarioError(shown, f"expected a {'' if endless else 'finite '}number, got {_shown(value)}")
     elif schema is bool:
         if not isinstance(value, bool):
             raise ScenarioError(shown, f"expected true or false, got {_shown(value)}")
@@ -318,6 +321,10 @@ def _anchored(scenario: Scenario, folder: Path) -> Scenario:
         path = folder / name
         return str(path.resolve()) if name and not name.startswith("package://") and os.path.exists(path) else name
 
+    def anchor_file(name: str) -> str:
+        """Anchor what may also be said by a name or a number, which a folder of that name must not hide."""
+        return anchor(name) if os.path.isfile(folder / name) else name
+
     arms = [scenario.world.arm, scenario.twin.arm]
     for arm in arms:
         arm.model = anchor(arm.model)
@@ -328,5 +335,8 @@ def _anchored(scenario: Scenario, folder: Path) -> Scenario:
     scenario.twin.library = {name: anchor(path) for name, path in scenario.twin.library.items()}
     scenario.packages = {name: anchor(path) for name, path in scenario.packages.items()}
     scenario.replay.log = anchor(scenario.replay.log)
-    scenario.replay.columns = anchor(scenario.replay.columns)
+    scenario.replay.columns = anchor_file(scenario.replay.columns)
+    scenario.replay.torque_constants = [anchor_file(constant) for constant in scenario.replay.torque_constants]
+    if scenario.twin.learning is not None:
+        scenario.twin.learning.gripper = anchor_file(scenario.twin.learning.gripper)
     return scenario

@@ -5,6 +5,9 @@ from dataclasses import dataclass, field
 
 from twin_diagram.scenario.field_table import document
 
+ENDLESS = "endless"
+"""In a field's metadata: its numbers may be infinite. Whoever makes sense of them refuses what is no number."""
+
 
 @document
 @dataclass
@@ -36,7 +39,7 @@ class EffectSpec:
     """When it ends [s]; none: it stays."""
     log: str = ""
     """Which log `onset` and `end` are about, by its fingerprint; empty: any."""
-    elsewhere: dict[str, float] = field(default_factory=dict)
+    elsewhere: dict[str, float] = field(default_factory=dict, metadata={ENDLESS: True})
     """When the same change came in other logs [s]; .inf: after their end. In those that are not listed: before them."""
     module: str = ""
     """Where an effect of one's own is defined, for whoever reads this without it; empty for the catalogue's."""

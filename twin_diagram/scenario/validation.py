@@ -36,6 +36,8 @@ from twin_diagram.scenario import (
     Twin,
 )
 from twin_diagram.scenario.depth_sheets import SHEETS
+from twin_diagram.scenario.lenses import colour_lens, depth_lens
+from twin_diagram.scenario.models import ENDLESS
 from twin_diagram.scenario.task_steps import check_steps
 
 POSITIVE: dict[type, tuple[str, ...]] = {
@@ -181,26 +183,16 @@ def check_optics(camera: Camera, name: str) -> None:
     """Check what a camera's calibration and data sheet tell, beyond the signs of its numbers.
 
     Raises:
-        ScenarioError: a list of another length, or a data sheet that nobody knows; it names the field.
+        ScenarioError: a list of another length, a data sheet that nobody knows, or a lens that folds its image over
+            itself; it names the field.
     """
     _near_far(camera.depth_range, f"{name}.depth_range")
     if len(camera.X_WC_std) != 2 or not min(camera.X_WC_std) >= 0:
         raise ScenarioError(f"{name}.X_WC_std", f"{camera.X_WC_std} is not a length and an angle")
     if camera.depth_noise.sheet not in SHEETS:
         raise ScenarioError(f"{name}.depth_noise.sheet", f"{camera.depth_noise.sheet!r} is none of {', '.join(SHEETS)}")
-    check_distortion(camera.distortion, f"{name}.distortion")
-    if camera.depth is not None:
-        check_distortion(camera.depth.distortion, f"{name}.depth.distortion")
-
-
-def check_distortion(values: list[float], name: str) -> None:
-    """Check how many coefficients a distortion has.
-
-    Raises:
-        ScenarioError: neither none nor four nor five; it names the field.
-    """
-    if len(values) not in (0, 4, 5):
-        raise ScenarioError(name, f"{values} is not k1, k2, p1, p2 and perhaps k3")
+    colour_lens(camera, name)
+    depth_lens(camera, name)
 
 
 def _near_far(values: list[float], name: str) -> None:
@@ -222,7 +214,8 @@ def _walk(value: Any, name: str) -> None:
     if dataclasses.is_dataclass(value):
         _check_fields(value, name)
         for field in dataclasses.fields(value):
-            _walk(getattr(value, field.name), f"{name}.{field.name}")
+            if ENDLESS not in field.metadata:
+                _walk(getattr(value, field.name), f"{name}.{field.name}")
     elif isinstance(value, dict):
         for key, sub in value.items():
             _walk(sub, f"{name}.{key}")

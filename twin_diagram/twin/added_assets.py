@@ -60,7 +60,11 @@ class AddedAssets:
             raise TwinError(f"asset {name}: the twin knows an object of this name already; choose another")
         sight = self.check(f"asset {name}: ")
         number = self._scene.add_kind(name, asset.folder)
-        found = sight.add_asset(asset)
+        try:
+            found = sight.add_asset(asset)
+        except BaseException:  # numbers would no longer be the same in all systems
+            del self._scene.kinds[number:]
+            raise
         assert found == number
         for system in self._movers:
             system.add_asset(asset)

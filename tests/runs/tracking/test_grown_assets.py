@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -127,23 +128,27 @@ def test_a_library_that_leaves_no_room_is_refused_before_a_frame_is_read(
     assert not (tmp_path / "grown").exists() and not (tmp_path / "out").exists()
 
 
+class Whole:
+    """A box that was seen from all sides."""
+
+    ready = True
+
+    def grown(self, place: AssetPlace) -> SimpleNamespace:
+        folder = write_box(Path(place.library) / place.name, place.name, EDGES)
+        return SimpleNamespace(built=SimpleNamespace(folder=folder), R_TO=np.eye(3), p_TO=np.zeros(3))
+
+
+def watched(library: Path) -> GrownAssets:
+    growing = {1: SimpleNamespace(growth=Whole())}
+    tracker: Any = SimpleNamespace(growing=growing, take_in=lambda identity, *_: growing.pop(identity))
+    return GrownAssets(library, tracker, {}, {}, lambda text: None)
+
+
 def test_what_another_command_has_grown_meanwhile_is_not_written_over(tmp_path: Path) -> None:
     """Two commands that grow into one library at a time may find the same name free."""
     library = tmp_path / "grown"
 
-    class Whole:
-        ready = True
-
-        def grown(self, place: AssetPlace) -> SimpleNamespace:
-            folder = write_box(Path(place.library) / place.name, place.name, EDGES)
-            return SimpleNamespace(built=SimpleNamespace(folder=folder), R_TO=np.eye(3), p_TO=np.zeros(3))
-
-    def watched() -> GrownAssets:
-        growing = {1: SimpleNamespace(growth=Whole())}
-        tracker: Any = SimpleNamespace(growing=growing, take_in=lambda identity, *_: growing.pop(identity))
-        return GrownAssets(library, tracker, {}, {}, lambda text: None)
-
-    first, second = watched(), watched()
+    first, second = watched(library), watched(library)
     first.poll(0)
     second.poll(0)
     first.close()
@@ -152,3 +157,27 @@ def test_what_another_command_has_grown_meanwhile_is_not_written_over(tmp_path: 
         second.close()
     np.testing.assert_array_equal(check(library / "thing_1")[0].points_O, before)
     assert [path.name for path in library.iterdir()] == ["thing_1"]
+
+
+def test_a_command_that_is_stopped_while_it_writes_leaves_nothing_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library = tmp_path / "grown"
+    grown = watched(library)
+    grown.poll(0)
+    copy = shutil.copytree
+
+    def stopped(*given: Any, **named: Any) -> None:
+        copy(*given, **named)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shutil, "copytree", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        grown.close()
+    assert not list(library.iterdir())
+
+
+def test_where_nothing_grows_it_is_said_what_that_takes(tmp_path: Path) -> None:
+    said: list[str] = []
+    GrownAssets(tmp_path / "grown", cast(Any, SimpleNamespace(growing={})), {}, {}, said.append).close()
+    assert len(said) == 1 and "no unknown thing is followed; one must cover 200 of the pixels" in said[0]

@@ -28,11 +28,12 @@ def test_a_cloud_taken_at_zero_is_one_and_before_that_there_is_none() -> None:
     assert nothing.shape == (43,) and np.isnan(nothing[:7]).all() and not nothing[7:].any()
 
 
-def test_near_is_nearer_than_the_radius_and_about_as_many_as_asked() -> None:
+def test_near_is_nearer_than_the_radius_and_no_more_than_asked() -> None:
     line = np.stack([np.arange(-10.0, 11.0), np.full(21, 2.0), np.full(21, -1.0)], axis=1)
     middle = np.array([3.0, 2.0, -1.0])
     np.testing.assert_array_equal(near(line, middle, 4.0, 100)[:, 0], np.arange(0.0, 7.0))
-    np.testing.assert_array_equal(near(line, middle, 4.0, 3)[:, 0], [0.0, 2.0, 4.0, 6.0])
+    np.testing.assert_array_equal(near(line, middle, 4.0, 3)[:, 0], [0.0, 2.0, 4.0])
+    np.testing.assert_array_equal(near(line, middle, 4.0, 5)[:, 0], [0.0, 1.0, 2.0, 4.0, 5.0])  # of seven
     np.testing.assert_array_equal(near(line, middle, 4.0, 7)[:, 0], np.arange(0.0, 7.0))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +11,9 @@ from twin_diagram.assets import Asset
 from twin_diagram.assets.building.from_mesh import AssetPlace
 from twin_diagram.assets.building.growth_file import free_name, write_partial
 from twin_diagram.errors import AssetError, TwinError
+from twin_diagram.perception.things.growing import TUNING
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker
+from twin_diagram.runtime import atomic_file
 
 
 class GrownAssets:
@@ -77,10 +78,18 @@ class GrownAssets:
                 )
         self._library.mkdir(parents=True, exist_ok=True)
         for name in self._built:
-            hidden = self._library / f".{name}.{os.getpid()}"
-            shutil.copytree(Path(self._aside.name) / name, hidden)
-            hidden.rename(self._library / name)
+            hidden = atomic_file.make_aside(self._library.absolute() / name)
+            try:
+                shutil.copytree(Path(self._aside.name) / name, hidden, dirs_exist_ok=True)
+                hidden.rename(self._library / name)
+            finally:
+                shutil.rmtree(hidden, ignore_errors=True)
         self._aside.cleanup()
+        if not self._built and not self._tracker.growing:
+            self._say(
+                f"note: nothing has grown: no unknown thing is followed; one must cover {TUNING.fewest} of the pixels "
+                "that are looked at: come nearer, or take finer pictures"
+            )
         for identity, thing in sorted(self._tracker.growing.items()):
             part = thing.growth.partial()
             write_partial(self._library / f"unknown_{identity}.partial.npz", part)

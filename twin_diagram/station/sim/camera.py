@@ -61,8 +61,8 @@ def check_camera(camera: Camera, field: str = "twin.camera") -> None:
         )
     if len(camera.depth_range) != 2 or not 0 < camera.depth_range[0] < camera.depth_range[1]:
         raise ScenarioError(f"{field}.depth_range", f"{camera.depth_range} is not [nearest, farthest]")
-    colour_lens(camera)
-    depth_lens(camera)
+    colour_lens(camera, field)
+    depth_lens(camera, field)
 
 
 class Shutter(LeafSystem):

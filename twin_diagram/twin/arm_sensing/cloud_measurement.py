@@ -43,11 +43,11 @@ def measured(taken: float, now: float, arm_state: Array, align: Callable[[Array]
 def near(points: Array, middle: Array, radius: float, most: int) -> Array:
     """Return the points (K, 3) within a radius of a place (3,) [m].
 
-    Where they are more than `most`, about so many of them.
+    Where they are more than `most`, so many of them, spread evenly.
     """
     away = points - middle
     inside = points[np.einsum("ij,ij->i", away, away) < radius**2]
-    return inside[:: max(1, len(inside) // most)]
+    return inside if len(inside) <= most else inside[np.arange(most) * len(inside) // most]
 
 
 def feed(builder: DiagramBuilder, measurement: OutputPort, ekf: AdaptiveEkf, sensor: str) -> None:
