@@ -166,6 +166,22 @@ def test_a_ball_that_is_hollow_and_closed_is_one_piece(tmp_path: Path) -> None:
     assert built.mass == pytest.approx(1000 * (outer.volume + inner.volume), rel=1e-4)
 
 
+def test_what_a_label_covers_is_not_in_the_cloud(tmp_path: Path) -> None:
+    side, label = trimesh.creation.box([0.1, 0.06, 0.04]), trimesh.creation.box([0.06, 0.001, 0.02])
+    label.apply_translation([0.0, -0.03, 0.0])
+    for mesh, colour in ((side, [200, 130, 40, 255]), (label, [225, 225, 225, 255])):
+        mesh.visual.vertex_colors = np.tile(np.array(colour, dtype=np.uint8), (len(mesh.vertices), 1))
+    trimesh.util.concatenate([side, label]).export(tmp_path / "box.ply")
+    build_from_mesh(tmp_path / "box.ply", "box", tmp_path / "lib")
+    asset = Asset.load(tmp_path / "lib" / "box")
+    x, y, z = asset.points_O.T
+    front = (np.abs(x) < 0.028) & (np.abs(z) < 0.009) & (y < y.min() + 0.002)
+    assert np.count_nonzero(front) > 100
+    np.testing.assert_allclose(asset.colours[front], 225 / 255, atol=0.02)  # half of them were the side's below
+    whole = Asset.load(build_from_mesh(write_coloured(tmp_path / "src"), "plain", tmp_path / "lib").folder)
+    assert len(asset.points_O) == len(whole.points_O)
+
+
 def test_bodies_that_overlap_are_weighed_as_one_and_said_to(tmp_path: Path) -> None:
     cubes = trimesh.util.concatenate([box(0.06, 0.06, 0.06), box(0.04, 0.04, 0.04, at=(0.03, 0.0, 0.0))])
     built = build_from_mesh(write_stl(tmp_path / "a.stl", cubes), "a", tmp_path / "lib", density=1000.0)

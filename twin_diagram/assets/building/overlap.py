@@ -11,10 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from twin_diagram.assets.building.surface import Faces, Surface, edge_pairs
+from twin_diagram.assets.building.surface import Faces, Surface, edge_pairs, weld, windings
+from twin_diagram.assets.mesh import Cloud, Image, Mesh, sample
 from twin_diagram.signals.arrays import Array
 
 
@@ -29,7 +31,10 @@ class Tuning:
     """By how much rays are beside the middle of their columns, in columns: made things have edges in the middle."""
 
     pairs: int = 2_000_000
-    """Rays and triangles that are compared at a time."""
+    """Rays or points, and triangles, that are compared at a time."""
+
+    aloof: float = 1e-4
+    """A point is judged so far above its surface, as a share of the object's size: far below any label's thickness."""
 
 
 TUNING = Tuning()
@@ -67,6 +72,44 @@ def united(vertices: Array, faces: Faces) -> tuple[float, Array, Array]:
     second += np.diag([*(length.sum() * edge**2 / 12), float((length**3).sum()) / 12])
     back, area = np.argsort(axes), float(edge.prod())
     return area * float(length.sum()), area * first[back], area * second[np.ix_(back, back)]
+
+
+def in_view(mesh: Mesh, texture: Image, count: int) -> Cloud:
+    """Return `count` points of a surface without those within another of its bodies, which no camera can see.
+
+    A label may be a body half a millimetre proud of a box's side: the side below it would mix into its colours.
+    """
+    cloud, surface = sample(mesh, texture, count), weld(mesh.vertices[mesh.faces])
+    hidden = buried(cloud, surface)
+    if not hidden.any() or hidden.all():
+        return cloud
+    left = float(np.mean(~hidden))
+    # A quarter more than should do: which points are hidden is chance.
+    cloud = sample(mesh, texture, int(np.ceil(1.25 * count / left)))
+    open_ = np.flatnonzero(~buried(cloud, surface))[:count]
+    return Cloud(cloud.points[open_], cloud.normals[open_], cloud.colours[open_])
+
+
+def buried(cloud: Cloud, surface: Surface) -> npt.NDArray[np.bool_]:
+    """Return (N,) which points of a surface's cloud lie within another of its bodies; none where it is not closed."""
+    hidden = np.zeros(len(cloud.points), dtype=bool)
+    if not surface.closed:
+        return hidden
+    one, two = edge_pairs(surface.faces)
+    graph = coo_matrix((np.ones(len(one)), (one, two)), shape=(len(surface.faces), len(surface.faces)))
+    count, body = connected_components(graph, directed=False)
+    if count == 1:
+        return hidden
+    size = float(np.ptp(surface.vertices, axis=0).max())
+    places = cloud.points + TUNING.aloof * size * cloud.normals
+    around = np.zeros(len(places))
+    for k in range(count):
+        corners = surface.vertices[surface.faces[body == k]]
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        inside = np.flatnonzero(((places > low) & (places < high)).all(axis=1))
+        for own in np.array_split(inside, 1 + len(inside) * len(corners) // TUNING.pairs):
+            around[own] += windings(places[own], corners)
+    return np.asarray(around > 0.5)
 
 
 def _along_rays(vertices: Array) -> tuple[Array, list[int]]:

@@ -159,7 +159,7 @@ def _bodies_outward(vertices: Array, faces: Faces) -> Faces:
     for k in inward:
         around = closed & (volumes > 0) & (low < low[k]).all(axis=1) & (high > high[k]).all(axis=1)
         place = corners[np.argmax(body == k), 0]
-        wrong[k] = not around.any() or _winding(place, corners[around[body]]) < 0.5
+        wrong[k] = not around.any() or windings(place[None], corners[around[body]])[0] < 0.5
     return np.where(wrong[body][:, None], faces[:, ::-1], faces)
 
 
@@ -173,14 +173,14 @@ def outer_faces(surface: Surface) -> Faces:
     return surface.faces[volumes[body] > 0]
 
 
-def _winding(place: Array, corners: Array) -> float:
-    """Return how often triangles (F, 3, 3) wind around a place: 1 inside, 0 outside (van Oosterom, Strackee, 1983)."""
-    a, b, c = np.moveaxis(corners - place, 1, 0)
-    x, y, z = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-    volume = np.einsum("fi,fi->f", a, np.cross(b, c))
-    along = x * y * z + np.einsum("fi,fi->f", a, b) * z + np.einsum("fi,fi->f", b, c) * x
-    angle = np.arctan2(volume, along + np.einsum("fi,fi->f", c, a) * y)
-    return float(angle.sum() / (2.0 * np.pi))
+def windings(places: Array, corners: Array) -> Array:
+    """Return (N,) how often triangles (F, 3, 3) wind around places: 1 inside, 0 outside (van Oosterom, 1983)."""
+    a, b, c = np.moveaxis(corners - places[:, None, None], 2, 0)
+    x, y, z = (np.linalg.norm(side, axis=2) for side in (a, b, c))
+    volume = np.einsum("nfi,nfi->nf", a, np.cross(b, c))
+    along = x * y * z + np.einsum("nfi,nfi->nf", a, b) * z + np.einsum("nfi,nfi->nf", b, c) * x
+    angle = np.arctan2(volume, along + np.einsum("nfi,nfi->nf", c, a) * y)
+    return np.asarray(angle.sum(axis=1) / (2.0 * np.pi))
 
 
 def with_normals(surface: Surface, uv: Array) -> Mesh:

@@ -20,10 +20,11 @@ from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.building.flat_faces import flat_faces, flattened
 from twin_diagram.assets.building.inertia import EvenBody, hull_of, outward
 from twin_diagram.assets.building.measured import SIX, MeasuredInertia
+from twin_diagram.assets.building.overlap import in_view
 from twin_diagram.assets.building.shape_errors import ShapeErrors
 from twin_diagram.assets.description import TUNING as SDF
 from twin_diagram.assets.description import VERSION, AssetSpec, ConvexFile, sdf
-from twin_diagram.assets.mesh import Image, Mesh, sample, write_obj
+from twin_diagram.assets.mesh import Image, Mesh, write_obj
 from twin_diagram.assets.mjcf import mjcf
 from twin_diagram.errors import AssetError
 from twin_diagram.runtime import atomic_file, written_files
@@ -134,7 +135,7 @@ def kept_files(folder: Path) -> list[str]:
 
 def _write_files(new: NewAsset, folder: Path) -> None:
     write_obj(new.mesh, folder / "visual.obj", new.texture)
-    cloud = sample(new.mesh, new.texture, ASSET.cloud_points)
+    cloud = in_view(new.mesh, new.texture, ASSET.cloud_points)
     np.savez(
         folder / "cloud.npz",
         points=cloud.points.astype(np.float32),
