@@ -2,7 +2,8 @@
 
 `python sims/benchmarks/reconstruction.py [--views 40 8] [--noise 0 0.0015] [--objects mug …] [--seeds 1]`. Pictures
 are cast from `rendered_views`; told poses are 2 mm and 0.2° off. The truth is in the scorer alone: what was built is
-laid on it rigidly, since an asset's frame is its own. Surface seen counts that two pictures or more see, within 75° of
+laid on it rigidly, since an asset's frame is its own. Volume and what is told of its error are `asset.yaml`'s; after
+them, the mesh's. Surface seen counts that two pictures or more see, within 75° of
 incidence.
 """
 
@@ -163,7 +164,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--masks", action="store_true")
     told = parser.parse_args()
-    print("object            views noise seed | s (cpu) to built   p95 to truth   p95 volume % unseen")
+    print("object            views noise seed | s (cpu) to built   p95 to truth   p95 volume %  told mesh % unseen")
     for name in told.objects:
         folder = models_dir() / "objects" / name
         item = load(folder if folder.is_dir() else Path(name))
@@ -178,11 +179,12 @@ def main() -> None:
                         taken = time.process_time() - start
                         mesh, spec = read_obj(built.folder / "visual.obj"), read_spec(built.folder)
                         vertices = mesh.vertices + np.array(spec.origin)
-                        found = score(item, shots, vertices, mesh.faces)
+                        found, true = score(item, shots, vertices, mesh.faces), true_volume(item)
+                        volume, std = ((x or np.nan) / true * 100 for x in (spec.volume, spec.volume_std))
                         print(
                             f"{item.name:17} {views:5} {noise:5g} {seed:4} | {taken:7.1f} {found['to built']:8.3f} "
                             f"{found['p95']:5.2f} {found['to truth']:8.3f} {found['p95 back']:5.2f} "
-                            f"{found['volume %']:+8.2f} {spec.unseen:6.2f}",
+                            f"{volume - 100:+8.2f} {std:5.1f} {found['volume %']:+6.1f} {spec.unseen:6.2f}",
                             flush=True,
                         )
 

@@ -45,6 +45,22 @@ def test_shapes_repeat_themselves_as_they_do(mesh: trimesh.Trimesh, expected: tu
     assert symmetry.proposed(points, normals, np.full((4000, 3), 0.4)) == expected
 
 
+@pytest.mark.parametrize("teeth", [7, 12, 20])
+def test_a_gear_repeats_itself_by_each_of_its_teeth(teeth: int) -> None:
+    gear = [trimesh.creation.cylinder(0.03, 0.012, sections=96)]
+    for k in range(teeth):
+        tooth = trimesh.creation.box((0.01, 0.5 * 2 * np.pi * 0.033 / teeth, 0.012))
+        tooth.apply_translation([0.033, 0.0, 0.0])
+        gear.append(tooth.apply_transform(trimesh.transformations.rotation_matrix(2 * np.pi * k / teeth, [0, 0, 1])))
+    points, normals = cloud(trimesh.util.concatenate(gear))
+    assert symmetry.proposed(points, normals, np.full((4000, 3), 0.4))[-1] == f"z {teeth}"
+
+
+def test_what_is_nearly_round_does_not_repeat_itself_by_small_turns() -> None:
+    oval = CAN.copy().apply_scale([1.08, 1.0, 1.0])  # 15° move its side by 0.7 mm, a quarter turn by 2.7 mm
+    assert symmetry.proposed(*cloud(oval), np.full((4000, 3), 0.4)) == ("x 2", "y 2", "z 2")
+
+
 def test_a_cone_has_no_upside_down() -> None:
     points, normals = cloud(CONE)
     points = points - points.mean(axis=0)

@@ -76,9 +76,9 @@ class AssetSpec:
     inertial_by: dict[str, str] | None = None
     """Where `mass`, `centre` and `inertia` are from: `measured`, `partly` or `from shape alone`."""
     volume: float | None = None
-    """[m³]"""
+    """[m³]; of pictures, what no view looks into counts by the chance that it is full, within the mesh it is so."""
     volume_std: float | None = None
-    """Its standard error, where it was built from pictures [m³]: what no view looks into counts as full."""
+    """Its standard error, where it was built from pictures [m³]."""
     volume_by: str | None = None
     """What volume and inertia were computed from: `surface`, `filling` (of an open one, or of bodies that
     overlap) or `hull`."""

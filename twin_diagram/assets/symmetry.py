@@ -40,8 +40,9 @@ class Tuning:
     facing: float = 0.5
     """Cosine between the normals of a point and of where it lies when turned."""
 
-    counts: tuple[int, ...] = (8, 6, 5, 4, 3, 2)
-    """Repetitions that are tried, the most first."""
+    counts: tuple[int, ...] = tuple(range(24, 1, -1))
+    """Repetitions that are tried, the most first. Of more, `odd` would not tell all from any turn: 27 teeth lie within
+    a fifth of a tooth after each of those; and on what a hand holds they are as small as what counts as the same."""
 
     same: float = 2.9999
     """Turns are the same from one to the other if that has a larger trace: 0.6°, as 360 of a whole turn are apart."""
@@ -74,7 +75,7 @@ def proposed(points: Array, normals: Array, colours: Array) -> tuple[str, ...]:
         if all(cloud.looks_same(share * way) for share in TUNING.odd):
             found.append(f"{name} {ANY}")
             continue
-        most = next((count for count in TUNING.counts if cloud.looks_same(way / count)), 1)
+        most = next((count for count in TUNING.counts if cloud.repeats(way, count)), 1)
         found += [f"{name} {most}"] if most > 1 else []
     return tuple(found)
 
@@ -94,6 +95,13 @@ class _Cloud:
         """Return the mean colours (N, 3) about places (N, 3)."""
         _, index = self._tree.query(places, k=min(TUNING.neighbours, len(self._points)), workers=1)
         return np.asarray(self._colours[index].mean(axis=1))
+
+    def repeats(self, way: Array, count: int) -> bool:
+        """Return whether the surface lies on itself after each of `count` turns about `way` (3,), not the first alone.
+
+        A small turn moves what is nearly round by little, a larger one by more.
+        """
+        return all(self.looks_same(k / count * way) for k in range(1, count // 2 + 1))
 
     def looks_same(self, share: Array) -> bool:
         """Return whether the surface, turned by `share` (3,) of whole turns, lies on itself, in its colours."""

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from tests.assets.building.made_meshes import box, box_inertia, corner, hollow_box, surface_of
-from twin_diagram.assets.building.inertia import hull_of, outward, solid_of, spread
+from twin_diagram.assets.building.inertia import Hollow, hull_of, less, outward, solid_of, spread
 from twin_diagram.assets.building.overlap import overlap
 from twin_diagram.assets.building.surface import weld
 from twin_diagram.errors import AssetError
@@ -19,6 +19,20 @@ def test_a_box_anywhere_is_exact() -> None:
     assert solid.volume == pytest.approx(1e-3, rel=1e-9)
     np.testing.assert_allclose(solid.centre, [1.0, -2.0, 0.5], atol=1e-9)
     np.testing.assert_allclose(solid.inertia(2.0), box_inertia(2.0, 0.1, 0.2, 0.05), rtol=1e-6, atol=1e-12)
+
+
+def test_what_is_empty_in_the_mean_is_missing_from_volume_centre_and_moments() -> None:
+    at = np.array([1.0, -2.0, 0.5])
+    full = solid_of(surface_of(box(0.1, 0.2, 0.05, at=tuple(at))))
+    cells = np.stack(np.meshgrid(*[(np.arange(n) + 0.5) * 1e-3 for n in (40, 80, 20)], indexing="ij"), axis=-1)
+    places = cells.reshape(-1, 3) - [0.045, 0.095, 0.02] + at
+    found = less(full, Hollow(places, np.full(len(places), 1e-9)))
+    parts = [box(0.1, 0.2, 0.05, at=tuple(at)), box(0.04, 0.08, 0.02, at=tuple(at - [0.025, 0.055, 0.01]))]
+    parts[1].invert()
+    true = solid_of(surface_of(trimesh.util.concatenate(parts)))
+    assert found.volume == pytest.approx(1e-3 - 64e-6, rel=1e-9) and true.volume == pytest.approx(found.volume)
+    np.testing.assert_allclose(found.centre, true.centre, atol=1e-8)
+    np.testing.assert_allclose(found.inertia(2.0), true.inertia(2.0), rtol=2e-4, atol=1e-9)
 
 
 def test_a_prism_is_the_cylinder_that_it_stands_for() -> None:

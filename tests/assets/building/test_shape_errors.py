@@ -9,7 +9,7 @@ import trimesh
 from tests.assets.building.pictured import box, cameras, cup, shots
 from twin_diagram.assets.building.depth_view import make_view
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid
-from twin_diagram.assets.building.inertia import enclosed
+from twin_diagram.assets.building.inertia import Hollow, enclosed, less
 from twin_diagram.assets.building.reconstruct import reconstruct
 from twin_diagram.assets.building.shape_errors import Doubt, ShapeErrors, shape_errors, unseen_cells
 from twin_diagram.logs.frames.view_camera import ViewCamera
@@ -18,7 +18,7 @@ SIZE = (0.06, 0.04, 0.03)
 VOLUME = 0.06 * 0.04 * 0.03
 
 
-def from_above(covariance: np.ndarray, places: np.ndarray, cell: float) -> ShapeErrors:
+def from_above(covariance: np.ndarray, places: np.ndarray, chance: np.ndarray, cell: float) -> ShapeErrors:
     """Errors of a box of which a camera straight above shows the top."""
     R = np.diag([1.0, -1.0, -1.0])
     camera = ViewCamera(200, 160, 300.0, 300.0, 99.5, 79.5, R, np.array([0.0, 0.0, 0.38]))
@@ -28,12 +28,12 @@ def from_above(covariance: np.ndarray, places: np.ndarray, cell: float) -> Shape
         mesh = mesh.subdivide()
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     centre = np.array([0.0, 0.0, 0.015])
-    doubt = Doubt(covariance[None], centre, False, places, cell)
+    doubt = Doubt(covariance[None], centre, False, places, chance, cell)
     return shape_errors(vertices, faces, [make_view(camera, frame.depth)], 1e-9, doubt, centre, np.eye(3))
 
 
 def test_a_pose_that_is_not_known_moves_what_its_view_shows() -> None:
-    found = from_above(np.diag([0, 0, 0, 0, 0, 0.001**2]), np.zeros((0, 3)), 0.0)
+    found = from_above(np.diag([0, 0, 0, 0, 0, 0.001**2]), np.zeros((0, 3)), np.zeros(0), 0.0)
     assert found.volume_std == pytest.approx(0.06 * 0.04 * 0.001, rel=0.05)
     assert found.centre_std(VOLUME)[2] == pytest.approx(0.001 / 2, rel=0.05)  # half of the height that is gained
     solid = enclosed(*(np.asarray(part) for part in (box(SIZE).vertices, box(SIZE).faces)), "surface")
@@ -46,9 +46,11 @@ def test_a_pose_that_is_not_known_moves_what_its_view_shows() -> None:
 
 def test_what_no_view_told_of_may_be_empty() -> None:
     places = np.array([[0.0, 0.0, 0.02]] * 100)
-    found = from_above(np.zeros((6, 6)), places, 1e-9)
-    assert found.volume_std == pytest.approx(1e-7 / np.sqrt(3), rel=1e-3)
-    assert found.centre_std(VOLUME)[2] == pytest.approx(0.005 * 1e-7 / np.sqrt(3) / VOLUME, rel=1e-3)
+    # As likely each share of it; or, where all of it has one chance, all of it or nothing.
+    for chance, std in ((np.linspace(0.0, 1.0, 100), np.sqrt(1 / 12)), (np.full(100, 0.3), np.sqrt(0.3 * 0.7))):
+        found = from_above(np.zeros((6, 6)), places, chance, 1e-9)
+        assert found.volume_std == pytest.approx(1e-7 * std, rel=2e-2)
+        assert found.centre_std(VOLUME)[2] == pytest.approx(0.005 * 1e-7 * std / VOLUME, rel=2e-2)
 
 
 def test_unseen_cells_lie_between_free_ones_not_deep_within() -> None:
@@ -64,9 +66,11 @@ def test_unseen_cells_lie_between_free_ones_not_deep_within() -> None:
     shell[7:23, 7:23, 7:23] = False
     distance[shell], known[shell] = -0.001, True
     grid = FusionGrid(np.zeros(3), 0.001, distance.shape)
-    assert not len(unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known)))
+    assert not len(unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known))[0])
     known[12:18, 12:18, 5:7] = False  # a hole into which no view looked
-    at = unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known))
+    at, chance = unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known))
+    outermost = at[:, 2] < 0.0055
+    assert (0 < chance).all() and (chance <= 1).all() and chance[outermost].min() > chance[~outermost].max()
     assert 0 < len(at) <= 72 and (np.abs(at[:, :2] - 0.0145) < 0.003).all() and at[:, 2].max() < 0.0085
 
 
@@ -78,7 +82,9 @@ def test_a_cups_volume_lies_within_what_is_told() -> None:
         [np.append(rng.normal(0, 0.002, 3), rng.normal(0, 0.0012, 3)) for _ in taken.frames], np.zeros(3)
     )
     found = reconstruct(wrong)
-    body = enclosed(found.vertices, found.faces, "surface")
-    errors = shape_errors(found.vertices, found.faces, found.views, found.noise, found.doubt, body.centre, np.eye(3))
+    full, doubt = enclosed(found.vertices, found.faces, "surface"), found.doubt
+    body = less(full, Hollow(doubt.places, doubt.cell * doubt.chance))
+    errors = shape_errors(found.vertices, found.faces, found.views, found.noise, doubt, body.centre, np.eye(3))
     true = trimesh.Trimesh(cup().vertices, cup().faces).volume
     assert abs(body.volume - true) < 2 * errors.volume_std < 0.5 * true
+    assert abs(body.volume - true) < abs(full.volume - true)

@@ -14,7 +14,7 @@ import numpy as np
 
 from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.from_mesh import AssetPlace, BuiltAsset, build_from_triangles, check_told
-from twin_diagram.assets.building.inertia import enclosed
+from twin_diagram.assets.building.inertia import Hollow, enclosed, less
 from twin_diagram.assets.building.predictions import metric, read_predictions
 from twin_diagram.assets.building.reconstruct import FrameSource, Reconstruction, reconstruct
 from twin_diagram.assets.building.shape_errors import shape_errors
@@ -149,14 +149,23 @@ def asset_of_shape(found: Reconstruction, told: AssetPlace, where: str) -> Built
         f"{100 * found.unseen:.0f} % of the surface was never seen: there it is closed by what nothing contradicts"
     ]
     corners = upright(found)[found.faces]
-    body = enclosed(found.vertices, found.faces, "surface")
-    errors = shape_errors(
-        found.vertices, found.faces, found.views, found.noise, found.doubt, body.centre, upright_pose(found)[0]
-    )
+    doubt, (R, p) = found.doubt, upright_pose(found)
+    empty = doubt.cell * doubt.chance
+    body = less(enclosed(found.vertices, found.faces, "surface"), Hollow(doubt.places, empty))
+    errors = shape_errors(found.vertices, found.faces, found.views, found.noise, doubt, body.centre, R)
+    hollow = Hollow((doubt.places - p) @ R.T, empty)
     notes.append(f"by its shape the volume is known to {100 * errors.volume_std / body.volume:.2g} %")
     try:
         return build_from_triangles(
-            corners, atlas.uv, picture, told, Path(where).name, unseen=float(found.unseen), notes=notes, errors=errors
+            corners,
+            atlas.uv,
+            picture,
+            told,
+            Path(where).name,
+            unseen=float(found.unseen),
+            notes=notes,
+            errors=errors,
+            hollow=hollow,
         )
     except AssetError as error:
         raise AssetError(f"{where}: {error}") from None

@@ -14,7 +14,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from twin_diagram.assets.building.inertia import EvenBody, enclosed, solid_of
+from twin_diagram.assets.building.inertia import EvenBody, Hollow, enclosed, less, solid_of
 from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.assets.building.one_texture import one_texture
 from twin_diagram.assets.building.pieces import Pieces, pieces_of
@@ -134,6 +134,7 @@ def build_from_triangles(
     unseen: float | None = None,
     notes: Sequence[str] = (),
     errors: ShapeErrors | None = None,
+    hollow: Hollow | None = None,
 ) -> BuiltAsset:
     """Make an asset of triangles: weld, weigh, take apart, write.
 
@@ -147,6 +148,7 @@ def build_from_triangles(
         unseen: share of the surface that was never seen, where that is known.
         notes: for people.
         errors: of volume, centre and moments by its shape, where they are known.
+        hollow: what within the triangles may be empty: volume, centre and moments are those of the mean.
 
     Raises:
         AssetError: triangles without an area; or as of `write_asset`.
@@ -154,12 +156,13 @@ def build_from_triangles(
     surface = weld(corners)
     if not len(surface.faces):
         raise AssetError("the mesh has no faces (triangles) with an area")
-    solid = solid_of(surface)
+    within = solid_of(surface)
+    solid = within if hollow is None else less(within, hollow)
     measured = told.measured
     centre = solid.centre if measured is None else np.asarray(measured.centre)
     surface = replace(surface, vertices=surface.vertices - centre)
-    pieces = _pieces(surface, solid)
-    said = [*notes, *_volume_notes(surface, solid), f"held by {pieces.how}"]
+    pieces = _pieces(surface, within)
+    said = [*notes, *_volume_notes(surface, within), f"held by {pieces.how}"]
     mass = _mass(told, solid, said)
     new = NewAsset(
         name=told.name,

@@ -89,6 +89,23 @@ def solid_of(surface: Surface) -> EvenBody:
     return enclosed(surface.vertices, outward(hull), "hull")
 
 
+@dataclass(frozen=True)
+class Hollow:
+    """What within a surface may be empty: places (M, 3) [m] and how much is in the mean, of each (M,) [m³]."""
+
+    places: Array
+    volumes: Array
+
+
+def less(solid: EvenBody, hollow: Hollow) -> EvenBody:
+    """Return a body without what of it is empty in the mean."""
+    volume = solid.volume - float(hollow.volumes.sum())
+    centre = (solid.volume * solid.centre - hollow.volumes @ hollow.places) / volume
+    own, gone = solid.centre - centre, hollow.places - centre
+    second = solid.second + solid.volume * np.outer(own, own)
+    return EvenBody(volume, centre, second - np.einsum("n,ni,nj->ij", hollow.volumes, gone, gone), solid.by)
+
+
 def hull_of(vertices: Array) -> ConvexHull:
     """Return the convex hull of points (V, 3).
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -170,7 +170,9 @@ def reconstruct(
         fused = without_hand(fused, hand, TUNING.hand_within)
     if hands:
         fused = without_remains(fused)
-    vertices, faces = _one_surface(fused, where)
+    fused = _one_body(fused, where)
+    vertices, faces = zero_surface(fused.distance)
+    vertices = vertices * fused.grid.voxel + fused.grid.origin
     vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
     vertices, faces = decimated(vertices, faces, TUNING.faces)
     check_size(vertices, where)
@@ -183,7 +185,7 @@ def reconstruct(
 def _doubt(found: AlignedViews, fused: DistanceField) -> Doubt:
     """Return what may move the surface of what was fused of views."""
     alike = len(found.views) < LASTING.least_views and one_camera(found.views)
-    return Doubt(found.covariances, found.centre, alike, unseen_cells(fused), fused.grid.voxel**3)
+    return Doubt(found.covariances, found.centre, alike, *unseen_cells(fused), fused.grid.voxel**3)
 
 
 def _aligned(
@@ -318,8 +320,8 @@ def _grid(low: Array, high: Array, count: float, finest: float) -> FusionGrid:
     return FusionGrid.around(low, high, voxel, max(0.01, 5 * voxel))
 
 
-def _one_surface(fused: DistanceField, where: str) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Return the closed surface of the largest thing in a field, in W; closed cavities within it are filled."""
+def _one_body(fused: DistanceField, where: str) -> DistanceField:
+    """Return a field with the largest thing in it alone, outside at all its ends; closed cavities within are filled."""
     field = fused.distance.copy()
     for axis in range(3):
         for end in (0, -1):
@@ -334,5 +336,4 @@ def _one_surface(fused: DistanceField, where: str) -> tuple[Array, npt.NDArray[n
     outside, _ = ndimage.label(~kept)
     bubbles = ~kept & (outside != outside[0, 0, 0])
     field = np.where(bubbles, -0.5 * fused.grid.voxel, field)
-    vertices, faces = zero_surface(field.astype(np.float32))
-    return vertices * fused.grid.voxel + fused.grid.origin, faces
+    return replace(fused, distance=field.astype(np.float32))

@@ -29,7 +29,7 @@ class Tuning:
     """Of means over neighbours, by which what is around closes what no view told of: it reaches 4 or 5 voxels in."""
 
     limit: float = 2.0
-    """Distances from the surface that count most in such means [voxels]: as far in as out."""
+    """Distances from the surface that count most in such means [voxels]: as far in as out. A mean of as much is 1."""
 
     patches: float = 10.0
     """Patches of a view's surface with errors of their own: depth noise is correlated over many pixels."""
@@ -46,7 +46,9 @@ class Doubt:
         covariances: (n, 6, 6) of the views' twists about `centre` (rotation, translation) [rad, m].
         centre: (3,) in W [m].
         alike: whether what depth has wrong at the same pixels of all views was left in.
-        places: (M, 3) in W of cells that count as full though no view told of them, and what is around would not [m].
+        places: (M, 3) in W of cells within the surface though no view told of them, and what is around would not [m].
+        chance: (M,) that each is empty. They are so together: what ends at a cell is empty up to it, from the most
+            likely one on.
         cell: volume of each [m³].
     """
 
@@ -54,6 +56,7 @@ class Doubt:
     centre: Array
     alike: bool
     places: Array
+    chance: Array
     cell: float
 
 
@@ -86,14 +89,16 @@ class ShapeErrors:
         return np.asarray(np.sqrt(np.einsum("ri,ij,rj->r", change, self.covariance, change)))
 
 
-def unseen_cells(field: DistanceField) -> Array:
-    """Return places (M, 3) of cells that are inside only because no view told of them.
+def unseen_cells(field: DistanceField) -> tuple[Array, Array]:
+    """Return places (M, 3) of cells that are inside only because no view told of them, and the chance that it is empty.
 
-    Were they given the mean of their neighbours, over and over, they would be outside.
+    Were they given the mean of their neighbours, over and over, they would be outside. The true surface lies somewhere
+    between that one and the one that nothing contradicts, whose means are 0 and 1; with each mean as likely, a cell's
+    own is its chance.
     """
     unknown = ~field.known & (field.distance < 0)
     if not unknown.any():
-        return np.zeros((0, 3))
+        return np.zeros((0, 3)), np.zeros(0)
     at = np.argwhere(unknown)
     low = np.maximum(at.min(axis=0) - 1, 0)
     own = tuple(slice(a, b) for a, b in zip(low, at.max(axis=0) + 2, strict=True))
@@ -105,7 +110,8 @@ def unseen_cells(field: DistanceField) -> Array:
         around += padded[1:-1, 2:, 1:-1] + padded[1:-1, :-2, 1:-1]
         around += padded[1:-1, 1:-1, 2:] + padded[1:-1, 1:-1, :-2]
         mean = np.where(which, around / np.float32(6.0), mean)
-    return field.grid.origin + field.grid.voxel * (low + np.argwhere(which & (mean > 0)))
+    empty = which & (mean > 0)
+    return field.grid.origin + field.grid.voxel * (low + np.argwhere(empty)), (mean[empty] / limit).astype(float)
 
 
 def shape_errors(
@@ -147,9 +153,19 @@ def shape_errors(
     if doubt.alike:
         seen = moved[shares.sum(axis=0) > 0].sum(axis=0)
         by_depth += np.outer(seen, seen) / TUNING.patches
-    # Of what no view told of any share may be full: a number between 0 and 1 is 1 off by √⅓ in the mean square.
-    hollow = doubt.cell * _numbers((doubt.places - about) @ R.T).sum(axis=0)
-    return ShapeErrors(total + noise**2 * by_depth + np.outer(hollow, hollow) / 3.0)
+    return ShapeErrors(total + noise**2 * by_depth + _by_unseen(doubt, about, R))
+
+
+def _by_unseen(doubt: Doubt, about: Array, R: Array) -> Array:
+    """Return the covariance (10, 10) by what no view told of, about a point, in axes turned by R (3, 3).
+
+    A level between 0 and 1, each as likely, parts those cells that are empty, with a greater chance, from full ones.
+    """
+    order = np.argsort(-doubt.chance, kind="stable")
+    empty = doubt.cell * np.cumsum(_numbers((doubt.places[order] - about) @ R.T), axis=0)
+    width = -np.diff(doubt.chance[order], append=0.0)[:, None]
+    mean = (width * empty).sum(axis=0)
+    return np.asarray((width * empty).T @ empty - np.outer(mean, mean))
 
 
 def _numbers(points: Array) -> Array:
