@@ -44,6 +44,7 @@ def frame(number: int, angle: float, tilt: float) -> RgbdFrame:
 
 FRAMES = [frame(k, angle, 0.6) for k, angle in enumerate(np.arange(12) * np.pi / 6)]
 """A full turn, in which the end at −z is never seen."""
+FROM_BELOW = [frame(20 + k, angle, -0.7 - np.pi / 2) for k, angle in enumerate(np.arange(12) * np.pi / 6)]
 POINTS, NORMALS = box_surface()
 
 
@@ -88,7 +89,7 @@ def test_an_end_that_no_picture_shows_is_missing_and_its_share_is_told(found: Se
 
 
 def test_all_of_it_is_seen_once_the_other_end_was_shown() -> None:
-    frames = FRAMES + [frame(20 + k, angle, -0.7 - np.pi / 2) for k, angle in enumerate(np.arange(12) * np.pi / 6)]
+    frames = FRAMES + FROM_BELOW
     assert expected(POINTS, NORMALS, frames)[0].min() >= 2
     assert seen_map(POINTS, NORMALS, frames).seen_share > 0.995
 
@@ -117,6 +118,31 @@ def test_what_the_hand_filled_is_not_taken_for_the_object() -> None:
     elsewhere = np.eye(4)
     elsewhere[:3, 3] = [0.0, 0.0, -0.3]
     assert not Boxes(elsewhere, low, high).hold(POINTS).any()
+
+
+def test_all_that_a_finger_hid_is_missing() -> None:
+    """Its rim, too, which lies beside what was measured."""
+    low, high = np.array([[HALF[0], -0.010, -0.015]]), np.array([[HALF[0] + 0.015, 0.010, 0.020]])
+    finger = Boxes(np.eye(4), low, high)
+    hidden = (NORMALS[:, 0] > 0.5) & (np.abs(POINTS[:, 1]) < 0.010) & (np.abs(POINTS[:, 2] - 0.0025) < 0.0175)
+    frames = [hidden_by(finger, one) for one in (*FRAMES, *FROM_BELOW)]
+    found = seen_map(POINTS[~hidden], NORMALS[~hidden], frames, [finger])
+    sides = 8.0 * (HALF[0] * HALF[1] + HALF[1] * HALF[2] + HALF[0] * HALF[2])
+    assert 1.0 - found.seen_share == pytest.approx(0.020 * 0.035 / sides, rel=0.35)
+
+
+def hidden_by(finger: Boxes, one: RgbdFrame) -> RgbdFrame:
+    """A picture with a finger's front before the box: pixels that show its place show the finger, 15 mm nearer."""
+    assert one.mask is not None
+    y, z = np.meshgrid(*(np.linspace(finger.low[0, k], finger.high[0, k], 80) for k in (1, 2)))
+    depth, mask = one.depth.copy(), one.mask.copy()
+    for x in np.linspace(finger.low[0, 0], finger.high[0, 0], 8):
+        u, v, far = one.camera.project(np.stack([np.full(y.size, x), y.ravel(), z.ravel()], axis=1))
+        at = np.rint(v).astype(int), np.rint(u).astype(int)
+        near = far < np.where(depth[at] > 0, depth[at], np.inf) + 1e-4
+        at = at[0][near], at[1][near]
+        depth[at], mask[at] = far[near], False
+    return replace(one, depth=depth, mask=mask)
 
 
 def test_lines_of_sight_end_at_what_is_full() -> None:
