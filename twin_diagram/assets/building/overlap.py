@@ -15,8 +15,9 @@ import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from twin_diagram.assets.building.surface import Faces, Surface, edge_pairs, weld, windings
+from twin_diagram.assets.building.surface import Faces, Surface, edge_pairs, weld
 from twin_diagram.assets.mesh import Cloud, Image, Mesh, sample
+from twin_diagram.native import import_open3d
 from twin_diagram.signals.arrays import Array
 
 
@@ -31,7 +32,7 @@ class Tuning:
     """By how much rays are beside the middle of their columns, in columns: made things have edges in the middle."""
 
     pairs: int = 2_000_000
-    """Rays or points, and triangles, that are compared at a time."""
+    """Rays and triangles that are compared at a time."""
 
     aloof: float = 1e-4
     """A point is judged so far above its surface, as a share of the object's size: far below any label's thickness."""
@@ -102,14 +103,22 @@ def buried(cloud: Cloud, surface: Surface) -> npt.NDArray[np.bool_]:
         return hidden
     size = float(np.ptp(surface.vertices, axis=0).max())
     places = cloud.points + TUNING.aloof * size * cloud.normals
-    around = np.zeros(len(places))
     for k in range(count):
         corners = surface.vertices[surface.faces[body == k]]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        inside = np.flatnonzero(((places > low) & (places < high)).all(axis=1))
-        for own in np.array_split(inside, 1 + len(inside) * len(corners) // TUNING.pairs):
-            around[own] += windings(places[own], corners)
-    return np.asarray(around > 0.5)
+        near = np.flatnonzero(~hidden & ((places > low) & (places < high)).all(axis=1))
+        if len(near):
+            hidden[near] = _inside(places[near], surface.vertices, surface.faces[body == k])
+    return hidden
+
+
+def _inside(places: Array, vertices: Array, faces: Faces) -> npt.NDArray[np.bool_]:
+    """Return (N,) which places a closed body holds: by most of three rays, whose cost hardly grows with its faces."""
+    geometry = import_open3d().t.geometry
+    scene = geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+    held = scene.compute_occupancy(places.astype(np.float32), nthreads=1, nsamples=3)
+    return np.asarray(held.numpy() > 0.5)
 
 
 def _along_rays(vertices: Array) -> tuple[Array, list[int]]:
