@@ -171,10 +171,7 @@ def reconstruct(
     if hands:
         fused = without_remains(fused)
     fused = _one_body(fused, where)
-    vertices, faces = zero_surface(fused.distance)
-    vertices = vertices * fused.grid.voxel + fused.grid.origin
-    vertices = smoothed(vertices, faces, TUNING.smoothing_rounds)
-    vertices, faces = decimated(vertices, faces, TUNING.faces)
+    vertices, faces = _mesh(fused)
     check_size(vertices, where)
     count = views_that_see(views, vertices, vertex_normals(vertices, faces))
     unseen = check_unseen(share_unseen(vertices, faces, count), where)
@@ -318,6 +315,13 @@ def _grid(low: Array, high: Array, count: float, finest: float) -> FusionGrid:
     extent = high - low
     voxel = max(finest, float((np.prod(extent + 0.02) / count) ** (1 / 3)))
     return FusionGrid.around(low, high, voxel, max(0.01, 5 * voxel))
+
+
+def _mesh(fused: DistanceField) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Return a field's surface, smoothed and with no more faces than are kept, in W."""
+    vertices, faces = zero_surface(fused.distance)
+    vertices = vertices * fused.grid.voxel + fused.grid.origin
+    return decimated(smoothed(vertices, faces, TUNING.smoothing_rounds), faces, TUNING.faces)
 
 
 def _one_body(fused: DistanceField, where: str) -> DistanceField:
