@@ -256,6 +256,26 @@ def test_slim_is_a_part_of_the_dependencies() -> None:
     assert every.keys() - slim.keys() == {native.DISTRIBUTIONS[name] for name in BIG}
 
 
+def test_slim_parts_import_without_the_rest(tmp_path: Path) -> None:
+    """`make test` sees it, too: the tests that install it are slow and run in CI alone."""
+    code = f"""
+import sys
+class Lacking:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {BIG}:
+            raise ModuleNotFoundError(name, name=name)
+sys.meta_path.insert(0, Lacking())
+from twin_diagram import AdaptiveEkf, DriftMonitor, Filter, Monitor
+from twin_diagram.estimation import ArmTerms, Ekf
+from twin_diagram import load_scenario, run_gap
+"""
+    env = {**os.environ, "PYTHONPATH": str(CHECKOUT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_every_dependency_can_be_named() -> None:
     assert set(native.DISTRIBUTIONS.values()) == dependencies().keys()
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from twin_diagram.signals.between_pixels import depth_between
 from twin_diagram.signals.lens import (
     Lens,
-    depth_between,
     distort,
     distortion_derivative,
     rays_through,

@@ -17,7 +17,8 @@ from twin_diagram.scenario import Camera
 from twin_diagram.scenario.lenses import depth_lens
 from twin_diagram.scenario.poses import pose
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.lens import Lens, depth_between, straightening, unit_rays
+from twin_diagram.signals.between_pixels import depth_between
+from twin_diagram.signals.lens import Lens, straightening, unit_rays
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,10 @@ from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.folder_files import in_folder, read_json
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.between_pixels import depth_between
 from twin_diagram.signals.calibration_error import CalibrationError
 from twin_diagram.signals.lens import TUNING as LENSES
-from twin_diagram.signals.lens import Lens, Map, depth_between, folds, straightening
+from twin_diagram.signals.lens import Lens, Map, folds, straightening
 
 
 @dataclass(frozen=True)

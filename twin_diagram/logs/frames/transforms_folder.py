@@ -29,7 +29,8 @@ from twin_diagram.logs.frames.scene_folder import RgbdFrame, read_mask
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.lens import Lens, depth_between, folds, straightening
+from twin_diagram.signals.between_pixels import depth_between
+from twin_diagram.signals.lens import Lens, folds, straightening
 
 FILE: Final = "transforms.json"
 """That makes a folder one of Nerfstudio's."""

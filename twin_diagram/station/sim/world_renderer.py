@@ -23,7 +23,8 @@ from pydrake.systems.sensors import CameraInfo
 
 from twin_diagram.scenario import Scenario
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.lens import Lens, depth_between, unit_rays
+from twin_diagram.signals.between_pixels import depth_between
+from twin_diagram.signals.lens import Lens, unit_rays
 from twin_diagram.station.depth_units import Colour, Depth
 from twin_diagram.station.sim.drawn_shapes import drawn_shapes
 from twin_diagram.station.sim.drawn_world import DrawnWorld
