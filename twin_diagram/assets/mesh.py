@@ -138,7 +138,7 @@ def parse_obj(path: Path) -> ObjText:
     materials, libraries, material = [], [], ""
     try:
         # Numbers are ASCII; names and remarks may have any other encoding.
-        for line in path.read_text(encoding="utf-8", errors="surrogateescape").replace("\\\n", " ").splitlines():
+        for line in path.read_text(encoding="utf-8-sig", errors="surrogateescape").replace("\\\n", " ").splitlines():
             key, *rest = line.split() or [""]
             if "#" in line and (key in raw or key == "f"):  # names may have one in them
                 rest = line.partition("#")[0].split()[1:]

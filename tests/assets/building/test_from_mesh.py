@@ -25,6 +25,7 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import cli, scenario
 from twin_diagram.assets import Asset
 from twin_diagram.assets.building import build_from_mesh, source_mesh, write_asset
+from twin_diagram.assets.building.source_mesh import read_source
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import read_obj, read_png
 from twin_diagram.assets.procedural import write_box
@@ -317,6 +318,12 @@ def written(folder: Path, name: str, text: str | bytes) -> Path:
 TRIANGLES = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 
+STRIPS = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n0.1 0 0\n0 0.1 0\n3 0 1 2\n"
+)
+
+
 def bad_meshes(folder: Path) -> dict[str, tuple[Path, list[str]]]:
     """Files that must be refused, with words that the line holds."""
     secret = folder.parent / "secret.png"
@@ -357,6 +364,8 @@ def bad_meshes(folder: Path) -> dict[str, tuple[Path, list[str]]]:
         "no faces": (written(folder, "points.obj", "v 0 0 0\nv 1 0 0\n"), ["points.obj", "no triangles"]),
         "empty": (written(folder, "empty.obj", ""), ["empty.obj", "no triangles"]),
         "empty stl": (written(folder, "empty.stl", ""), ["empty.stl"]),
+        "cut stl": (written(folder, "cut.stl", bytes(stl[:-30])), ["cut.stl", "12 triangles", "684 bytes", "654"]),
+        "strips": (written(folder, "strips.ply", STRIPS), ["strips.ply", "strips, which are not read"]),
         "index": (written(folder, "index.obj", TRIANGLES + "f 1 2 9\n"), ["index.obj", "not there"]),
         "words": (written(folder, "words.obj", "v a b c\n"), ["words.obj", "'a'"]),
         "short": (written(folder, "short.obj", "v 0 1\nf 1 1 1\n"), ["short.obj", "'v'"]),
@@ -384,9 +393,15 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, list[
 
 
 NAMES = (
-    "link,climb,absolute,broken picture,far buffer,nan,nan stl,no faces,empty,empty stl,index,words,short,binary,flat,"
-    "slivers,cut glb,text glb,text gltf,list gltf,ending,folder,missing,large,small,huge"
+    "link,climb,absolute,broken picture,far buffer,nan,nan stl,no faces,empty,empty stl,cut stl,strips,index,words,"
+    "short,binary,flat,slivers,cut glb,text glb,text gltf,list gltf,ending,folder,missing,large,small,huge"
 ).split(",")
+
+
+def test_a_byte_order_mark_hides_no_vertex(tmp_path: Path) -> None:
+    """Some editors on Windows put one before all."""
+    (part,) = read_source(written(tmp_path, "marked.obj", b"\xef\xbb\xbf" + TRIANGLES.encode())).parts
+    assert part.corners.shape == (4, 3, 3)
 
 
 def refused(capfd: pytest.CaptureFixture[str], *argv: str | Path) -> str:

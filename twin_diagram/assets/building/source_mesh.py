@@ -77,10 +77,21 @@ def read_source(path: Path, *, looks: bool = True, root: Path | None = None) -> 
             raise AssetError(f"{path}: a vertex is not finite (NaN or infinite); repair the mesh")
     count = sum(len(part.corners) for part in parts)
     if count == 0:
-        raise AssetError(f"{path}: the mesh has no faces (triangles)")
+        raise AssetError(f"{path}: {_why_empty(path)}")
     if count > TUNING.most_faces:
         raise AssetError(f"{path}: {count} triangles, more than {TUNING.most_faces}; simplify the mesh")
     return Source(tuple(parts), tuple(dict.fromkeys(beside.notes)))
+
+
+def _why_empty(path: Path) -> str:
+    """Return why a file may have given no triangle."""
+    data, kind = path.read_bytes(), path.suffix.lower()
+    told = int.from_bytes(data[80:84], "little")
+    if kind == ".stl" and b"\0" in data[:1000] and len(data) != 84 + 50 * told:
+        return f"a binary STL of {told} triangles has {84 + 50 * told} bytes, this one {len(data)}; save it anew"
+    if kind == ".ply" and b"element tristrips" in data[: data.find(b"end_header")]:
+        return "its triangles are in strips, which are not read; save it with faces"
+    return "the mesh has no faces (triangles)"
 
 
 def _read_obj(path: Path, beside: Beside, looks: bool) -> list[Part]:

@@ -225,13 +225,21 @@ def feet(vertices: Array, flat: Array | None = None) -> Array:
         return np.empty((0, 3))
     corners = np.unique(np.round(corners[np.isfinite(corners).all(axis=1)], 7), axis=0)
     on = np.abs(corners @ flat[:, :3].T + flat[:, 3] + SDF.foot) < 1e-6
+    groups = [np.flatnonzero(face) for face in [*on.T, np.ones(len(corners), bool)]]
+    away = [np.full(len(own), np.inf) for own in groups]  # of each corner of a face from those of it that were chosen
     chosen = np.zeros(len(corners), bool)
-    for face in [*on.T, np.ones(len(corners), bool)] * TUNING.feet:
-        if chosen.sum() < min(TUNING.feet, len(corners)) and (left := face & ~chosen).any():
+    for k in [*range(len(groups))] * TUNING.feet:
+        own, left = groups[k], ~chosen[groups[k]]
+        if chosen.sum() < min(TUNING.feet, len(corners)) and left.any():
             # The first one is farthest from the middle, each other one from all that the face has.
-            has = corners[face & chosen] if (face & chosen).any() else corners[face].mean(axis=0, keepdims=True)
-            far = np.linalg.norm(corners[left, None] - has, axis=2).min(axis=1)
-            chosen[np.flatnonzero(left)[far.argmax()]] = True
+            face = corners[own]
+            far = np.linalg.norm(face - face.mean(axis=0), axis=1) if left.all() else away[k]
+            new = own[left][far[left].argmax()]
+            chosen[new] = True
+            step = np.linalg.norm(corners - corners[new], axis=1)
+            for group, distance in zip(groups, away, strict=True):
+                if new in group:
+                    np.minimum(distance, step[group], out=distance)
     return np.asarray(corners[chosen])
 
 
