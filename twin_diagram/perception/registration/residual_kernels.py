@@ -345,3 +345,46 @@ def _add_outline(
             for i in range(6):
                 b[pose, i] += w * beyond * J[i]
         mirror(H[pose])
+
+
+@compiled_in_place
+def see_past(
+    past: npt.NDArray[np.bool_],
+    depth: npt.NDArray[np.float32],
+    stride: int,
+    corner: tuple[int, int],
+    nearest: np.float32,
+    free: npt.NDArray[np.uint8],
+) -> bool:
+    """Write in which cells (h, w) of a cut-out the image shows what is past an object; return whether in all.
+
+    Args:
+        past: (H, W) cells where nothing stands and something is seen.
+        depth: (H · stride, W · stride) [m].
+        stride: pixels of a cell.
+        corner: row and column of the cut-out's first cell.
+        nearest: what is no deeper is not past it [m].
+        free: (h, w), filled with 0 and 1.
+    """
+    every = True
+    for i in range(free.shape[0]):
+        for j in range(free.shape[1]):
+            row, column = corner[0] + i, corner[1] + j
+            one = past[row, column] and depth[row * stride, column * stride] > nearest
+            free[i, j] = one
+            every = every and one
+    return every
+
+
+@compiled_in_place
+def place_labels(
+    free: npt.NDArray[np.uint8],
+    label: npt.NDArray[np.int32],
+    corner: tuple[int, int],
+    table: npt.NDArray[np.float32],
+) -> None:
+    """Write column and row, in the whole grid, of each cell (h, w) that is not free, by its label, into (T, 2)."""
+    for i in range(free.shape[0]):
+        for j in range(free.shape[1]):
+            if not free[i, j]:
+                table[label[i, j], 0], table[label[i, j], 1] = corner[1] + j, corner[0] + i

@@ -16,7 +16,13 @@ import numpy.typing as npt
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.residual_kernels import OutlineCells, OutlineCuts
+from twin_diagram.perception.registration.residual_kernels import (
+    OutlineCells,
+    OutlineCuts,
+    place_labels,
+    see_past,
+)
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -77,16 +83,12 @@ class Silhouette:
         r0, r1 = (int(np.clip(x / stride, 0, height)) for x in ((v - reach).min(), (v + reach).max() + stride))
         if c1 - c0 < 3 or r1 - r0 < 3:
             return None
-        depth = frame.depth[::stride, ::stride][r0:r1, c0:c1]
-        free = frame.past[r0:r1, c0:c1] & (depth > nearest)
-        if free.all():
+        free = np.empty((r1 - r0, c1 - c0), dtype=np.uint8)
+        if see_past(one_layout(frame.past), frame.images.depth, stride, (r0, c0), np.float32(nearest), free):
             return None
-        away, label = cv2.distanceTransformWithLabels(
-            free.astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        row, column = np.nonzero(~free)
+        away, label = cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
         table = np.zeros((int(label.max()) + 1, 2), dtype=np.float32)
-        table[label[row, column]] = np.stack([column + c0, row + r0], axis=1)
+        place_labels(free, label, (r0, c0), table)
         return Silhouette((r0, c0), table, label, away, stride)
 
     @staticmethod
