@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,9 @@ class RobotShape:
                 self._parts.append(_Part(int(body.index()), X_BG.rotation().matrix(), X_BG.translation(), told[0]))
                 shapes.append(told[1:])
         self._shapes = _shapes(shapes)
+        self._radii = np.array([part.radius for part in self._parts])
+        # Each picture asks two to four times for one arm or two.
+        self._placed = lru_cache(maxsize=2)(self._places)
 
     @property
     def joint_count(self) -> int:
@@ -140,7 +144,14 @@ class RobotShape:
         if fingers is not None:
             positions[self._finger_index] = fingers
         self._followers.follow(positions)
-        self._plant.SetPositions(self._scratch, positions)
+        R_WG, p_WG = self._placed(positions.tobytes())
+        places = R_WG, p_WG, self._radii + margin
+        mark_near(one_layout(np.asarray(points_W, dtype=float)), places, self._shapes, margin, result)
+        return result
+
+    def _places(self, positions: bytes) -> tuple[Array, Array]:
+        """Return R_WG (K, 3, 3) and p_WG (K, 3) of the shapes at a plant's positions."""
+        self._plant.SetPositions(self._scratch, np.frombuffer(positions))
         poses = self._plant.get_body_poses_output_port().Eval(self._scratch)
         p_WG = np.empty((len(self._parts), 3))
         R_WG = np.empty((len(self._parts), 3, 3))
@@ -148,9 +159,7 @@ class RobotShape:
             R_WB = poses[part.body].rotation().matrix()
             R_WG[k] = R_WB @ part.R_BG
             p_WG[k] = R_WB @ part.p_BG + poses[part.body].translation()
-        reach = np.array([part.radius + margin for part in self._parts])
-        mark_near(one_layout(np.asarray(points_W, dtype=float)), (R_WG, p_WG, reach), self._shapes, margin, result)
-        return result
+        return R_WG, p_WG
 
 
 def _told(inspector: SceneGraphInspector, geometry: object) -> tuple[float, int, Array, Array] | None:
