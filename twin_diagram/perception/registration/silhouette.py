@@ -16,11 +16,10 @@ import numpy.typing as npt
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.outline_kernels import place_labels, see_past, window
 from twin_diagram.perception.registration.residual_kernels import (
     OutlineCells,
     OutlineCuts,
-    place_labels,
-    see_past,
 )
 from twin_diagram.signals.compiled import one_layout
 
@@ -40,6 +39,9 @@ class Tuning:
 
     farthest: float = 0.04
     """What sticks out farther than this is no matter of an edge [m]."""
+
+    around: float = 0.05
+    """So far about an object the image is looked at [m]."""
 
     @property
     def cuts(self) -> OutlineCuts:
@@ -71,16 +73,9 @@ class Silhouette:
     @staticmethod
     def of(model: ModelCloud, frame: Frame, poses: Poses) -> Silhouette | None:
         """Return it around all poses; None where they are not in view."""
-        camera, stride = frame.camera, frame.stride
-        z = (poses.p - camera.p_WC) @ camera.R_WC[:, 2]
-        nearest = float(z.min()) - model.radius
-        if nearest <= 0.0:
-            return None
-        u, v, _ = camera.project(poses.p)
-        height, width = frame.past.shape
-        reach = (model.radius / np.maximum(z, nearest) * max(camera.fx, camera.fy)) + 0.05 * camera.fx / z
-        c0, c1 = (int(np.clip(x / stride, 0, width)) for x in ((u - reach).min(), (u + reach).max() + stride))
-        r0, r1 = (int(np.clip(x / stride, 0, height)) for x in ((v - reach).min(), (v + reach).max() + stride))
+        stride, shape = frame.stride, frame.past.shape
+        around = window(one_layout(poses.p), frame.view, model.radius, TUNING.around, stride, (shape[0], shape[1]))
+        nearest, r0, r1, c0, c1 = around
         if c1 - c0 < 3 or r1 - r0 < 3:
             return None
         free = np.empty((r1 - r0, c1 - c0), dtype=np.uint8)
