@@ -121,3 +121,8 @@ def colour_at(frame: Frame, u: Array, v: Array, level: int) -> tuple[Array, Arra
     every = np.ones(u.shape)
     found = colour_kernels.sloped_colours(frame.colours[level], u, v, every, frame.corner_of_colours())
     return found[..., :3], found[..., 3:6], found[..., 6:]
+
+
+def counted(image: Array, mask: Array) -> npt.NDArray[np.float32]:
+    """Return masked colours (h, w, 3), and the mask (h, w) beside them."""
+    return np.dstack([image * mask[..., None], mask]).astype(np.float32)

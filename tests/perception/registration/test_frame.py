@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from tests.registration_bench import TABLE, frame, model, view
-from tests.registration_kernels import colour_at
+from tests.registration_kernels import colour_at, counted
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame, blur_within, median_of, whole_pixels
 from twin_diagram.perception.segmentation.segments import Segments
@@ -55,7 +55,7 @@ def test_colours_are_blurred_among_the_objects_pixels_alone() -> None:
     mask[40:50, 60:84] = 1.0
     part = segments.rgb[8:80, 28:114] / np.float32(255.0)
     for width, colours in zip((3, 9), found.colours, strict=True):
-        np.testing.assert_allclose(colours, blur_within(part, mask[8:80, 28:114], width), atol=1e-6)
+        np.testing.assert_allclose(colours, blur_within(counted(part, mask[8:80, 28:114]), width), atol=1e-6)
 
 
 def box_blur(image: Array, width: int) -> Array:
@@ -70,7 +70,7 @@ def test_blur_is_a_box_twice_over_the_mask_and_black_far_from_it() -> None:
     rng = np.random.default_rng(2102)
     image, mask = rng.uniform(0.2, 0.9, (20, 22, 3)).astype(np.float32), np.zeros((20, 22), np.float32)
     mask[6:13, 5:12] = 1.0
-    found = blur_within(image, mask, 3)
+    found = blur_within(counted(image, mask), 3)
     share = box_blur(box_blur(mask.astype(float), 3), 3)
     for k in range(3):
         total = box_blur(box_blur(image[..., k] * mask.astype(float), 3), 3)

@@ -11,6 +11,7 @@ import pytest
 from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.perception.registration import turned_alike
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_margin import turn_speaks
 from twin_diagram.perception.registration.colour_votes import TUNING, colour_costs
@@ -186,6 +187,17 @@ def test_a_pose_that_colours_tell_is_sure_with_the_second_image_and_stays_so(box
     assert (
         unmistaken(box, view, replace(at(thing, view, box), quality=0.99 * one.shape), TURNED.most).odds == TURNED.most
     )
+
+
+def test_what_nothing_speaks_against_is_not_looked_into_again(box: Known, monkeypatch: pytest.MonkeyPatch) -> None:
+    thing = standing(box)
+    view = seen([thing])
+    one = replace(at(thing, view, box), quality=0.8)
+    asked: list[float] = []
+    most_told = turned_alike.most_told
+    monkeypatch.setattr(turned_alike, "most_told", lambda *told: asked.append(0.0) or most_told(*told))
+    assert unmistaken(box, view, one, TURNED.most).odds == TURNED.most and not asked
+    assert unmistaken(box, view, one, TURNED.most - 0.1).odds == TURNED.most and asked
 
 
 def test_images_that_tell_count_and_are_taken_back_bit_by_bit() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tests.registration_kernels import colour_at
+from tests.registration_kernels import colour_at, counted
 from twin_diagram import scenario
 from twin_diagram.perception.registration import recognition, tracking
 from twin_diagram.perception.registration.colour_shift import ALIGNED
@@ -214,7 +214,7 @@ def test_blur_keeps_to_the_mask() -> None:
     image, mask = np.full((30, 30, 3), 0.8, np.float32), np.zeros((30, 30), np.float32)
     image[:, 15:] = 0.1
     mask[5:25, 5:15] = 1.0
-    blurred = blur_within(image, mask, 3)
+    blurred = blur_within(counted(image, mask), 3)
     np.testing.assert_allclose(blurred[5:25, 5:15], 0.8, atol=1e-5)
     assert blurred[0, 25].max() == 0.0
 

@@ -26,7 +26,8 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 
 from twin_diagram import scenario
-from twin_diagram.perception.segmentation.robot_shape import RobotShape, _distance_to
+from twin_diagram.perception.segmentation import robot_kernels
+from twin_diagram.perception.segmentation.robot_shape import RobotShape, _shapes, _told
 
 Array = npt.NDArray[np.float64]
 CORNERS = np.array([[x, y, z] for x in (-0.3, 0.1) for y in (-0.2, 0.2) for z in (-0.1, 0.1)])
@@ -72,7 +73,12 @@ def distance_to(shape: Shape) -> tuple[float, Callable[[Array], Array]] | None:
     geometry = scene_graph.RegisterAnchoredGeometry(source, GeometryInstance(RigidTransform(), shape, "shape"))
     scene_graph.AssignRole(source, geometry, ProximityProperties())
     assert Role.kProximity is not None
-    return _distance_to(scene_graph.model_inspector(), geometry)
+    found = _told(scene_graph.model_inspector(), geometry)
+    if found is None:
+        return None
+    # After another one, so that numbers count.
+    both = _shapes([(robot_kernels.HULL, np.zeros(3), np.ones((5, 4))), found[1:]])
+    return found[0], lambda p: np.array([robot_kernels.distance_to(x, y, z, both, 1) for x, y, z in p])
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -58,11 +58,11 @@ class PairRules(NamedTuple):
 
 
 @compiled_in_place
-def nearest_one(x: float, y: float, z: float, grid: PointGrid, reach: float) -> tuple[float, int]:
+def nearest_one(x: float, y: float, z: float, grid: PointGrid, reach: float, first: bool = False) -> tuple[float, int]:
     """Return the distance to the nearest point and its number; infinity and -1 where none is within `reach`.
 
     Cells are searched in growing shells about the point's own, from the first that holds any, until what is found is
-    nearer than any shell to come.
+    nearer than any shell to come. Where any will do, it is the `first` that is met.
     """
     points, starts, corner, cell = grid.points, grid.starts, grid.corner, grid.cell
     shape = grid.empty.shape
@@ -86,6 +86,8 @@ def nearest_one(x: float, y: float, z: float, grid: PointGrid, reach: float) -> 
                         squared = dx * dx + dy * dy + dz * dz
                         if squared < best:
                             best, found = squared, m
+                            if first:
+                                return np.sqrt(best), grid.order[found]
     if found < 0:
         return np.inf, -1
     return np.sqrt(best), grid.order[found]
@@ -145,7 +147,7 @@ def _keep_within(
     kept = 0
     for k in range(0, steps[1], steps[0]):
         into(points_W[near[k]], pose[0], pose[1], local)
-        if nearest_one(local[0], local[1], local[2], grid, reach)[1] >= 0:
+        if nearest_one(local[0], local[1], local[2], grid, reach, True)[1] >= 0:
             near[kept] = near[k]
             kept += 1
     return kept

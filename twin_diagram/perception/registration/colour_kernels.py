@@ -37,15 +37,26 @@ def plain_colours(image: Image, u: Array, v: Array, corner: tuple[float, float])
 
 
 @compiled
-def masked(image: Image, mask: Image) -> Image:
-    """Return colours (h, w, 3) times a mask (h, w), and beside them the mask: (h, w, 4)."""
-    height, width = mask.shape
-    out = np.empty((height, width, 4), dtype=np.float32)
-    for i in range(height):
-        for j in range(width):
-            for k in range(3):
-                out[i, j, k] = image[i, j, k] * mask[i, j]
-            out[i, j, 3] = mask[i, j]
+def cut_out(
+    rgb: npt.NDArray[np.uint8], label: npt.NDArray[np.int16], stride: int, corners: tuple[int, int, int, int]
+) -> Image:
+    """Return colours (h, w, 3) of 1 of what stands in a part of an image, and beside them 1 there: (h, w, 4).
+
+    Args:
+        rgb: (H, W, 3) the whole image.
+        label: of every `stride`-th pixel; what stands has one from 0 on.
+        stride: see there.
+        corners: first and last row and column.
+    """
+    v0, v1, u0, u1 = corners
+    out = np.zeros((v1 - v0, u1 - u0, 4), dtype=np.float32)
+    share = np.float32(1.0 / 255.0)
+    for i in range(v0, v1):
+        for j in range(u0, u1):
+            if label[i // stride, j // stride] >= 0:
+                for k in range(3):
+                    out[i - v0, j - u0, k] = np.float32(rgb[i, j, k]) * share
+                out[i - v0, j - u0, 3] = 1.0
     return out
 
 
@@ -53,9 +64,11 @@ def masked(image: Image, mask: Image) -> Image:
 def shared_out(blurred: Image, least: np.float32) -> Image:
     """Return the colours (h, w, 3) of blurred ones (h, w, 4), over how much of each pixel's surroundings counted."""
     height, width = blurred.shape[:2]
-    out = np.empty((height, width, 3), dtype=np.float32)
+    out = np.zeros((height, width, 3), dtype=np.float32)
     for i in range(height):
         for j in range(width):
+            if blurred[i, j, 3] == 0.0:
+                continue
             total = max(blurred[i, j, 3], least)
             for k in range(3):
                 out[i, j, k] = blurred[i, j, k] / total

@@ -12,12 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin_diagram.perception.registration.alternatives import colours_missed, in_place
+from twin_diagram.perception.registration.alternatives import TUNING as ALTERNATIVES
+from twin_diagram.perception.registration.assessment import TUNING as ASSESSMENT
+from twin_diagram.perception.registration.colour_vote_kernels import (
+    ColourLaw,
+    SurfaceCuts,
+    mean_misses,
+    weigh_in_place,
+)
 from twin_diagram.perception.registration.data_association import Looked, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import FINE
+from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
+from twin_diagram.perception.registration.residuals import brightness
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -60,10 +70,15 @@ def colour_costs(model: ModelCloud, frame: Frame, poses: Poses, points: int) -> 
         points: model points that are looked up, at most.
     """
     looked = look(model, frame, poses, points, FINE)
-    weight = looked.facing * in_place(looked, frame)
-    each = _each(looked, frame, weight)
-    shown = weight.sum(axis=1)
-    mean = np.einsum("bp,bp->b", each, weight) / np.maximum(shown, 1e-9)
+    weight, (mean, shown) = np.empty(looked.flags.shape), np.empty((2, len(poses.p)))
+    cuts = SurfaceCuts(ALTERNATIVES.placed, RESIDUALS.model_noise, ASSESSMENT.same_surface)
+    weigh_in_place(looked.told, looked.flags, frame.noise, cuts, weight)
+    found, gain = looked.colour, np.ones(weight.shape)
+    if looked.coloured:
+        found = frame.plain_colour_at(looked.u, looked.v, FINE)
+        gain = brightness(found, looked.colour, looked.n, weight)
+    law = ColourLaw(TUNING.bright, TUNING.colour, (TUNING.off / TUNING.colour) ** 2, TUNING.cut)
+    mean_misses(looked.told, (one_layout(found), gain, weight), law, (mean, shown))
     return np.where(shown < TUNING.least * shown[0], TUNING.never, mean * pixel_votes(model, frame, looked, shown[0]))
 
 
@@ -74,11 +89,6 @@ def pixel_votes(model: ModelCloud, frame: Frame, looked: Looked, shown: float) -
     """
     share = shown / max(float(looked.counted[0].sum()), 1.0)
     return float(share * model.view_area * (frame.camera.fx / np.median(looked.z[0])) ** 2 / TUNING.pixels)
-
-
-def _each(looked: Looked, frame: Frame, weight: Array) -> Array:
-    """Return (B, P) what each point's colour costs [nat]."""
-    return missed(*colours_missed(looked, frame, weight, FINE), looked.texture)
 
 
 def missed(off: Array, colour: Array, texture: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
-from twin_diagram.perception.registration.colour_kernels import curvature_counts, masked, plain_colours, shared_out
+from twin_diagram.perception.registration.colour_kernels import curvature_counts, cut_out, plain_colours, shared_out
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
 from twin_diagram.perception.registration.point_kernels import Images, LooksFrom, NoiseLaw
 from twin_diagram.perception.segmentation.planes import Plane
@@ -91,14 +91,10 @@ class Frame:
             )
         else:
             v0, v1, u0, u1 = 0, 2, 0, 2
-        part = segments.rgb[v0:v1, u0:u1].astype(np.float32) * np.float32(1.0 / 255.0)
         robot = label == SEGMENTS.robot
         seen = whole_pixels(robot, stride, (height, width)) if robot.any() else np.zeros((height, width), dtype=bool)
-        r0, c0 = v0 // stride, u0 // stride
-        cells = standing[r0 : -(-v1 // stride), c0 : -(-u1 // stride)]
-        object_ = whole_pixels(cells, stride, (v1 - r0 * stride, u1 - c0 * stride))
-        own = object_[v0 - r0 * stride :, u0 - c0 * stride :].astype(np.float32)
-        colours = tuple(blur_within(part, own, width) for width in TUNING.blur)
+        counted = cut_out(segments.rgb, label, stride, (v0, v1, u0, u1))
+        colours = tuple(blur_within(counted, width) for width in TUNING.blur)
         normals = np.zeros((*label.shape, 3), dtype=np.float32)
         normals[standing] = segments.normals_W
         return Frame(
@@ -156,13 +152,12 @@ def whole_pixels(mask: Mask, stride: int, shape: tuple[int, int]) -> Mask:
     return cast(Mask, wide[: shape[0], : shape[1]].view(bool))
 
 
-def blur_within(image: npt.NDArray[np.float32], mask: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.float32]:
-    """Blur (h, w, 3) of the masked pixels among themselves (normalised convolution) with a box of `width`, twice.
+def blur_within(counted: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.float32]:
+    """Blur masked pixels, (h, w, 4) with the mask last, among themselves (normalised convolution): a box, twice.
 
     A plain blur lets the table into the rim of every object, and registration then shrinks dark objects on light
     tables by pushing them away from the camera. Far from the mask everything is black.
     """
-    counted = masked(one_layout(image), one_layout(mask))
     for _ in range(2):
         counted = cast("npt.NDArray[np.float32]", cv2.blur(counted, (width, width)))
     return shared_out(counted, np.float32(0.05))

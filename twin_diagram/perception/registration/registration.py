@@ -242,7 +242,7 @@ def claimed(
     model: ModelCloud, segments: Segments, R: Array, p: Array, reach: float, most: int | None = None
 ) -> npt.NDArray[np.int64]:
     """Return the indices of the segments' points within `reach` [m] of the surface, about `most` if that is given."""
-    points, pose = one_layout(segments.points_W), (one_layout(R), one_layout(p))
+    points, pose = segments.points, (one_layout(R), one_layout(p))
     return within(points, pose, model.nearest.grid, model.radius, reach, -1 if most is None else most)
 
 

@@ -16,7 +16,12 @@ import numpy.typing as npt
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.residual_kernels import OutlineCells, OutlineCuts
+from twin_diagram.perception.registration.outline_kernels import place_labels, see_past, window
+from twin_diagram.perception.registration.residual_kernels import (
+    OutlineCells,
+    OutlineCuts,
+)
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,9 @@ class Tuning:
 
     farthest: float = 0.04
     """What sticks out farther than this is no matter of an edge [m]."""
+
+    around: float = 0.05
+    """So far about an object the image is looked at [m]."""
 
     @property
     def cuts(self) -> OutlineCuts:
@@ -65,28 +73,17 @@ class Silhouette:
     @staticmethod
     def of(model: ModelCloud, frame: Frame, poses: Poses) -> Silhouette | None:
         """Return it around all poses; None where they are not in view."""
-        camera, stride = frame.camera, frame.stride
-        z = (poses.p - camera.p_WC) @ camera.R_WC[:, 2]
-        nearest = float(z.min()) - model.radius
-        if nearest <= 0.0:
-            return None
-        u, v, _ = camera.project(poses.p)
-        height, width = frame.past.shape
-        reach = (model.radius / np.maximum(z, nearest) * max(camera.fx, camera.fy)) + 0.05 * camera.fx / z
-        c0, c1 = (int(np.clip(x / stride, 0, width)) for x in ((u - reach).min(), (u + reach).max() + stride))
-        r0, r1 = (int(np.clip(x / stride, 0, height)) for x in ((v - reach).min(), (v + reach).max() + stride))
+        stride, shape = frame.stride, frame.past.shape
+        around = window(one_layout(poses.p), frame.view, model.radius, TUNING.around, stride, (shape[0], shape[1]))
+        nearest, r0, r1, c0, c1 = around
         if c1 - c0 < 3 or r1 - r0 < 3:
             return None
-        depth = frame.depth[::stride, ::stride][r0:r1, c0:c1]
-        free = frame.past[r0:r1, c0:c1] & (depth > nearest)
-        if free.all():
+        free = np.empty((r1 - r0, c1 - c0), dtype=np.uint8)
+        if see_past(one_layout(frame.past), frame.images.depth, stride, (r0, c0), np.float32(nearest), free):
             return None
-        away, label = cv2.distanceTransformWithLabels(
-            free.astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        row, column = np.nonzero(~free)
+        away, label = cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
         table = np.zeros((int(label.max()) + 1, 2), dtype=np.float32)
-        table[label[row, column]] = np.stack([column + c0, row + r0], axis=1)
+        place_labels(free, label, (r0, c0), table)
         return Silhouette((r0, c0), table, label, away, stride)
 
     @staticmethod

@@ -112,6 +112,8 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
     against = cost - cost[0]
     far = turned(R, one.R) > TUNING.other
     worth = _worth(R, against, far, before < TUNING.enough)
+    if before >= TUNING.most and not worth and against[far].min(initial=np.inf) >= 0.0:
+        return replace(one, odds=before)  # no image makes them longer, and this one says nothing against it
     most = _most(model, view, laid, against, far, worth)
     found = [(again(laid.R[k], laid.p[k]), most[k]) for k in worth]
     against = np.clip(against, -most, most)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,16 @@ from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.model.description.followers import Followers
-from twin_diagram.perception.segmentation.robot_kernels import within_spheres
+from twin_diagram.perception.segmentation.robot_kernels import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    ELLIPSOID,
+    HULL,
+    SPHERE,
+    Shapes,
+    mark_near,
+)
 from twin_diagram.scenario import ArmModel
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import one_layout
@@ -44,13 +54,12 @@ TUNING = Tuning()
 
 @dataclass(frozen=True)
 class _Part:
-    """One shape fixed to a body: `distance` of points (N, 3) in G, a sphere about `centre_B` that holds it."""
+    """One shape fixed to a body, and the radius of a sphere about its origin that holds it."""
 
     body: int
     R_BG: Array
     p_BG: Array
     radius: float
-    distance: Callable[[Array], Array]
 
 
 class RobotShape:
@@ -90,17 +99,20 @@ class RobotShape:
                 # Half open: nowhere farther off than half the stroke.
                 self._positions[joint.position_start()] = (low + high) / 2
         inspector = scene_graph.model_inspector()
-        self._parts = []
+        self._parts, shapes = [], []
         for index in (i for instance in placed.instances for i in plant.GetBodyIndices(instance)):
             body = plant.get_body(index)
             frame = plant.GetBodyFrameIdOrThrow(index)
             for geometry in inspector.GetGeometries(frame, Role.kProximity):
-                shape = _distance_to(inspector, geometry)
-                if shape is not None:
-                    X_BG = inspector.GetPoseInFrame(geometry)
-                    self._parts.append(
-                        _Part(int(body.index()), X_BG.rotation().matrix(), X_BG.translation(), shape[0], shape[1])
-                    )
+                if (told := _told(inspector, geometry)) is None:
+                    continue
+                X_BG = inspector.GetPoseInFrame(geometry)
+                self._parts.append(_Part(int(body.index()), X_BG.rotation().matrix(), X_BG.translation(), told[0]))
+                shapes.append(told[1:])
+        self._shapes = _shapes(shapes)
+        self._radii = np.array([part.radius for part in self._parts])
+        # Each picture asks two to four times for one arm or two.
+        self._placed = lru_cache(maxsize=2)(self._places)
 
     @property
     def joint_count(self) -> int:
@@ -132,7 +144,14 @@ class RobotShape:
         if fingers is not None:
             positions[self._finger_index] = fingers
         self._followers.follow(positions)
-        self._plant.SetPositions(self._scratch, positions)
+        R_WG, p_WG = self._placed(positions.tobytes())
+        places = R_WG, p_WG, self._radii + margin
+        mark_near(one_layout(np.asarray(points_W, dtype=float)), places, self._shapes, margin, result)
+        return result
+
+    def _places(self, positions: bytes) -> tuple[Array, Array]:
+        """Return R_WG (K, 3, 3) and p_WG (K, 3) of the shapes at a plant's positions."""
+        self._plant.SetPositions(self._scratch, np.frombuffer(positions))
         poses = self._plant.get_body_poses_output_port().Eval(self._scratch)
         p_WG = np.empty((len(self._parts), 3))
         R_WG = np.empty((len(self._parts), 3, 3))
@@ -140,44 +159,40 @@ class RobotShape:
             R_WB = poses[part.body].rotation().matrix()
             R_WG[k] = R_WB @ part.R_BG
             p_WG[k] = R_WB @ part.p_BG + poses[part.body].translation()
-        reach = np.array([part.radius + margin for part in self._parts])
-        close = within_spheres(one_layout(np.asarray(points_W, dtype=float)), p_WG, reach)
-        for k, part in enumerate(self._parts):
-            index = np.flatnonzero(close[k] & ~result)
-            if index.size:
-                p_G = (points_W[index] - p_WG[k]) @ R_WG[k]
-                result[index[part.distance(p_G) < margin]] = True
-        return result
+        return R_WG, p_WG
 
 
-def _distance_to(inspector: SceneGraphInspector, geometry: object) -> tuple[float, Callable[[Array], Array]] | None:
-    """Bounding radius about G's origin, and the distance from points (N, 3) in G: 0 or less inside."""
-    shape = inspector.GetShape(geometry)
+def _told(inspector: SceneGraphInspector, geometry: object) -> tuple[float, int, Array, Array] | None:
+    """Return a shape's bounding radius about G's origin, its kind, sizes (3,) and faces (F, 4); see `Shapes`."""
+    shape, none = inspector.GetShape(geometry), np.zeros((0, 4))
     if isinstance(shape, Sphere):
-        radius = shape.radius()
-        return radius, lambda p: np.linalg.norm(p, axis=1) - radius
+        return shape.radius(), SPHERE, np.array([shape.radius(), 0.0, 0.0]), none
     if isinstance(shape, (Capsule, Cylinder)):
         radius, half = shape.radius(), shape.length() / 2
-        if isinstance(shape, Capsule):
-            return radius + half, lambda p: _from_segment(p, half) - radius
-        return float(np.hypot(radius, half)), lambda p: _from_box(
-            np.stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]], axis=1), np.array([radius, half])
-        )
+        round_ = isinstance(shape, Capsule)
+        reach = radius + half if round_ else float(np.hypot(radius, half))
+        return reach, CAPSULE if round_ else CYLINDER, np.array([radius, half, 0.0]), none
     if isinstance(shape, Box):
         half_size = np.array(shape.size()) / 2
-        return float(np.linalg.norm(half_size)), lambda p: _from_box(p, half_size)
-    if isinstance(shape, (Ellipsoid, Mesh, Convex)):
-        if isinstance(shape, Ellipsoid):
-            axes = np.array([shape.a(), shape.b(), shape.c()])
-            return float(axes.max()), lambda p: (np.linalg.norm(p / axes, axis=1) - 1.0) * axes.min()
-        hull = inspector.GetConvexHull(geometry)
-        if hull is None:
-            return None
-        vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
-        planes = _planes(vertices)
-        # The largest distance to a plane is never more than the distance to the body.
-        return float(np.linalg.norm(vertices, axis=1).max()), lambda p: (p @ planes[:, :3].T + planes[:, 3]).max(axis=1)
-    return None
+        return float(np.linalg.norm(half_size)), BOX, half_size, none
+    if isinstance(shape, Ellipsoid):
+        axes = np.array([shape.a(), shape.b(), shape.c()])
+        return float(axes.max()), ELLIPSOID, axes, none
+    hull = inspector.GetConvexHull(geometry) if isinstance(shape, (Mesh, Convex)) else None
+    if hull is None:
+        return None
+    vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+    return float(np.linalg.norm(vertices, axis=1).max()), HULL, np.zeros(3), _planes(vertices)
+
+
+def _shapes(each: Sequence[tuple[int, Array, Array]]) -> Shapes:
+    """Return shapes of which kind, sizes (3,) and faces (F, 4) are told."""
+    return Shapes(
+        np.array([kind for kind, _, _ in each], dtype=np.int64),
+        np.array([sizes for _, sizes, _ in each]).reshape(-1, 3),
+        np.concatenate([np.zeros((0, 4)), *(faces for _, _, faces in each)]),
+        np.cumsum([0, *(len(faces) for _, _, faces in each)]),
+    )
 
 
 def _planes(vertices: Array) -> Array:
@@ -187,15 +202,3 @@ def _planes(vertices: Array) -> Array:
     except QhullError:
         corners = TUNING.sheet * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
         return np.asarray(ConvexHull((vertices[:, None] + corners).reshape(-1, 3)).equations)
-
-
-def _from_segment(p: Array, half: float) -> Array:
-    """Distance of points to the piece of the z axis up to `half` on either side."""
-    return np.sqrt(p[:, 0] ** 2 + p[:, 1] ** 2 + np.maximum(np.abs(p[:, 2]) - half, 0.0) ** 2)
-
-
-def _from_box(p: Array, half: Array) -> Array:
-    """Distance of points (N, d) to the box of half edge lengths `half`; negative inside."""
-    beyond = np.abs(p) - half
-    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
-    return np.asarray(outside + np.minimum(beyond.max(axis=1), 0.0))

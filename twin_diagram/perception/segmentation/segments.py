@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from twin_diagram.perception.pinhole import ColourImage, DepthImage, Pinhole
 from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 from twin_diagram.signals.layouts import NEVER
 
 
@@ -87,6 +89,11 @@ class Segments:
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
+
+    @cached_property
+    def points(self) -> Array:
+        """`points_W` as compiled functions take them: copied once, for each call would."""
+        return one_layout(self.points_W)
 
     @staticmethod
     def empty(camera: Pinhole, stride: int, table_height: float = 0.0) -> Segments:
