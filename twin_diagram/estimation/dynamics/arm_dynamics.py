@@ -155,7 +155,7 @@ class ArmTerms:
         self._mass0 = inertia.get_mass()
         self._moment0 = inertia.CalcComMoment()
         self._inertia0 = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-        self._payload = np.full(4, np.nan)
+        self._payload = b""
         self.set_payload(np.zeros(4))  # as it will be set ever after: rounding must not depend on what came before
 
     @staticmethod
@@ -227,9 +227,10 @@ class ArmTerms:
             payload: (4,) mass m [kg] and first moment m·c [kg·m] about the last link's origin, in its frame. Its own
                 inertia is taken as that of a point at c.
         """
-        if np.array_equal(payload, self._payload):
+        told = payload.tobytes()
+        if told == self._payload:
             return
-        self._payload[:] = payload
+        self._payload = told
         mass = max(float(payload[0]), 0.0)
         centre: Array = np.zeros(3)
         if mass > 0.0:
