@@ -188,8 +188,8 @@ class Mpc(ModelUser[Model]):
 
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""
-        memory = Memory.unpack(self._vector(context), self._n, self._knots, self._step)
-        return replace(memory, pending=next(iter(context.get_abstract_state(int(self._pending)).get_value()), None))
+        pending = next(iter(context.get_abstract_state(int(self._pending)).get_value()), None)
+        return Memory.unpack(self._vector(context), self._n, self._knots, self._step, pending)
 
     def recount(self, context: Context, change: Array) -> None:
         """Count angles anew: the arm is where it was, but its angles are others by `change` (n,) [rad].

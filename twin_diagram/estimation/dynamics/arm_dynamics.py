@@ -115,6 +115,7 @@ class ArmTerms:
         self._forces = MultibodyForces(plant)
         self._x = plant.GetPositionsAndVelocities(self._context).copy()
         self._x[plant.num_positions() :] = 0.0
+        self._now = b""
         self._at_q = self.position_index
         self._at_v = plant.num_positions() + self.velocity_index
         self._rows = np.ix_(self.velocity_index, self.velocity_index)
@@ -155,7 +156,7 @@ class ArmTerms:
         self._mass0 = inertia.get_mass()
         self._moment0 = inertia.CalcComMoment()
         self._inertia0 = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-        self._payload = np.full(4, np.nan)
+        self._payload = b""
         self.set_payload(np.zeros(4))  # as it will be set ever after: rounding must not depend on what came before
 
     @staticmethod
@@ -203,7 +204,10 @@ class ArmTerms:
     def _set(self, q: Array, v: Array | float) -> None:
         self._x[self._at_q] = q
         self._x[self._at_v] = v
-        self.plant.SetPositionsAndVelocities(self._context, self._x)
+        now = self._x.tobytes()
+        if now != self._now:  # the plant forgets all that it has worked out, even where nothing is new
+            self.plant.SetPositionsAndVelocities(self._context, self._x)
+            self._now = now
 
     def at(self, q: Array, v: Array | float) -> Context:
         """Return the scratch Context with the joints at q, v (n,): to be read at once and not kept."""
@@ -227,9 +231,10 @@ class ArmTerms:
             payload: (4,) mass m [kg] and first moment m·c [kg·m] about the last link's origin, in its frame. Its own
                 inertia is taken as that of a point at c.
         """
-        if np.array_equal(payload, self._payload):
+        told = payload.tobytes()
+        if told == self._payload:
             return
-        self._payload[:] = payload
+        self._payload = told
         mass = max(float(payload[0]), 0.0)
         centre: Array = np.zeros(3)
         if mass > 0.0:
@@ -248,7 +253,7 @@ class ArmTerms:
 
     def mass_matrix(self, q: Array) -> Array:
         """Return M(q) (n, n) [kg·m²], the plant's other joints held."""
-        self._set(q, 0.0)
+        self._set(q, self._x[self._at_v])  # whatever the speeds are
         mass: Array = self.plant.CalcMassMatrix(self._context)[self._rows]
         return mass
 
@@ -292,6 +297,7 @@ class ArmTerms:
         by_q, by_v = np.empty((self.n, self.n)), np.empty((self.n, self.n))
         plant, context, forces, x = self.plant, self._context, self._forces, self._x
         velocities = x[plant.num_positions() :]
+        self._now = b""
         # Speeds first: while positions stay as they are, the plant keeps what it has worked out of them.
         for out, index, put, part in (
             (by_v, self._at_v, plant.SetVelocities, velocities),

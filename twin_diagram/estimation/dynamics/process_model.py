@@ -149,8 +149,9 @@ def jacobians(
     """
     n = terms.n
     terms.set_payload(parameters.payload_of(theta))
-    by_q, by_v = terms.derivatives(moved.middle, v, moved.a)
+    # The regressor first: the plant is where the step left it.
     Y = parameters.regressor(terms, moved.middle, v, acceleration, np.zeros(n) if tau is None else tau, sliding)
+    by_q, by_v = terms.derivatives(moved.middle, v, moved.a)
     system = moved.mass.copy()
     system[np.diag_indices(n)] += dt * moved.drag
     right = np.empty((n, 3 * n + parameters.size))

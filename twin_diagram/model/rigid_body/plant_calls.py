@@ -32,6 +32,7 @@ class PlantCalls:
         self._tool = plant.get_frame(arm.tool_frame)
         # Typed loosely: Drake's stubs and NumPy's do not agree on what an array is.
         self._q: Any = plant.GetPositions(context).copy()
+        self._now = b""
         self._v: Any = np.zeros(plant.num_velocities())
         self._a: Any = np.zeros(plant.num_velocities())
         self._origin: Any = np.zeros(3)
@@ -69,4 +70,7 @@ class PlantCalls:
 
     def _at(self, q: Array) -> None:
         self._q[self.position_index] = q
-        self._plant.SetPositions(self._context, self._q)
+        now = self._q.tobytes()
+        if now != self._now:  # the plant forgets all that it has worked out, even where nothing is new
+            self._plant.SetPositions(self._context, self._q)
+            self._now = now

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -126,17 +127,21 @@ class BrakeState:
     @staticmethod
     def unpack(vector: Array, n: int) -> BrakeState:
         """Return the inverse of `pack` for n joints; copies."""
-        values: list[Any] = []
-        at = 0
-        for each in fields(BrakeState):
-            if each.type == "float":
-                values.append(float(vector[at]))
-                at += 1
-            else:
-                size = RING * NOTE_FIELDS if each.name == "notes" else n
-                values.append(np.array(vector[at : at + size]))
-                at += size
+        copy = np.array(vector)
+        values: list[Any] = [float(copy[at]) if isinstance(at, int) else copy[at] for at in _parts(n)]
         return BrakeState(*values)
+
+
+@cache
+def _parts(n: int) -> tuple[int | slice, ...]:
+    """Return where each field of a `BrakeState` stands in a packed one for n joints."""
+    parts: list[int | slice] = []
+    at = 0
+    for each in fields(BrakeState):
+        size = 1 if each.type == "float" else RING * NOTE_FIELDS if each.name == "notes" else n
+        parts.append(at if each.type == "float" else slice(at, at + size))
+        at += size
+    return tuple(parts)
 
 
 def told(notes: Array, links: dict[int, str], bodies: Sequence[str]) -> list[dict[str, Any]]:

@@ -165,9 +165,11 @@ def point_jacobian(placement: Placement, p_W: Array, link: Ints, row: Ints, pris
         (M, n, 3) velocities in W per unit of joint speed.
     """
     axes, origins = placement.axes_W[row], placement.origins_W[row]
-    x, y, z = np.moveaxis(p_W[:, None, :] - origins, -1, 0)
-    ax, ay, az = np.moveaxis(axes, -1, 0)
-    result = np.stack([ay * z - az * y, az * x - ax * z, ax * y - ay * x], axis=-1)
+    arms = p_W[:, None, :] - origins
+    x, y, z = arms[..., 0], arms[..., 1], arms[..., 2]
+    ax, ay, az = axes[..., 0], axes[..., 1], axes[..., 2]
+    result = np.empty(axes.shape)
+    result[..., 0], result[..., 1], result[..., 2] = ay * z - az * y, az * x - ax * z, ax * y - ay * x
     if prismatic.any():
         result[:, prismatic] = axes[:, prismatic]
     result[np.arange(axes.shape[1])[None, :] >= link[:, None]] = 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -321,6 +322,7 @@ class Clearance:
         return _near_kernels().near_itself(arm, self._group_pairs, self._pair_start, self._pairs, float(reach))
 
 
+@cache
 def _near_kernels() -> ModuleType:
     """Return compiled loops: they are loaded when first wanted, not with every import."""
     from twin_diagram.planning.collision import near_kernels
@@ -328,6 +330,7 @@ def _near_kernels() -> ModuleType:
     return near_kernels
 
 
+@cache
 def _arm_kernels() -> ModuleType:
     from twin_diagram.planning.collision import arm_kernels
 

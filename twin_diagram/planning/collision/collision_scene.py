@@ -127,7 +127,7 @@ class Scene:
         forecast = Forecast.of_tracks(tracks, shapes=self.clearance.bodies[self.fixture_count :])
         parts: list[tuple[tuple[Body, ...], Forecast]] = []
         rows = _further_rows(further)
-        if rows is not None:
+        if rows is not None and len(rows):
             shapes = tuple(self._kind(int(k), self.added if added is None else added) for k in rows[:, 1])
             parts.append((shapes, Forecast.of_tracks(rows[:, OWNER_SIZE:], shapes=shapes)))
         standing = _standing(things)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import accumulate, pairwise
 from typing import Final
 
@@ -130,15 +131,13 @@ class Memory:
         return max(float(vector[0]), float(vector[-1]))
 
     @staticmethod
-    def unpack(vector: Array, n: int, knots: int, step: float) -> Memory:
-        """Return the inverse of `pack`, with nothing pending; copies."""
-        ways = TUNING.way_points * n
-        sizes = (n, POSE_SIZE, n, 1, GUIDE.goals * n, 2, ways, POSE_SIZE, 1, ways, 5)
-        ends = [*accumulate(sizes, initial=1 + (2 + knots) * n)]
-        parts = [vector[a:b].copy() for a, b in pairwise(ends)]
+    def unpack(vector: Array, n: int, knots: int, step: float, pending: Question | None = None) -> Memory:
+        """Return the inverse of `pack`, with what is `pending` beside it; copies."""
+        copy = np.array(vector)
+        parts = (copy[part] for part in _parts(n, knots))
         offset, goal, stay, count, goals, route, points, next_goal, found, beyond, last = parts
         return Memory(
-            Memory.trajectory_of(vector, n, knots, step),
+            Memory.trajectory_of(copy, n, knots, step),
             offset,
             goal,
             stay,
@@ -151,4 +150,13 @@ class Memory:
             float(last[4]),
             next_goal,
             beyond.reshape(TUNING.way_points, n)[: int(found[0])],
+            pending,
         )
+
+
+@cache
+def _parts(n: int, knots: int) -> tuple[slice, ...]:
+    """Return where each part of a packed `Memory` after its trajectory stands."""
+    ways = TUNING.way_points * n
+    sizes = (n, POSE_SIZE, n, 1, GUIDE.goals * n, 2, ways, POSE_SIZE, 1, ways, 5)
+    return tuple(slice(*ends) for ends in pairwise(accumulate(sizes, initial=1 + (2 + knots) * n)))

@@ -8,7 +8,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import ArmDefects
 from twin_diagram.signals.layouts import NEVER
-from twin_diagram.station.sim.noise import Stream, generator
+from twin_diagram.station.sim.noise import Messages, Stream
 
 
 class ArmSensors(LeafSystem):
@@ -64,7 +64,7 @@ class ArmSensors(LeafSystem):
         self._velocity_noise, self._torque_noise = defects.velocity_noise, defects.torque_noise
         self._bias = np.array(defects.torque_bias, dtype=float) if defects.torque_bias else np.zeros(n)
         self._gain = np.array(defects.torque_gain, dtype=float) if defects.torque_gain else np.ones(n)
-        self._rate, self._seed = rate, seed
+        self._rate, self._noise = rate, Messages(seed, Stream.ARM)
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
         self._torque = self.DeclareVectorInputPort("torque", n)
         state = self.DeclareDiscreteState(np.concatenate([np.zeros(3 * n + 2 * g), [NEVER]]))
@@ -93,9 +93,9 @@ class ArmSensors(LeafSystem):
             # No step of the plant has ended yet. An event offset by a period would do, but its times would differ from
             # the plant's by rounding, and so miss or repeat a step.
             return
-        noise = generator(self._seed, Stream.ARM, tick).standard_normal(2 * n)
+        noise = self._noise.of(tick).standard_normal(2 * n)
         state = self._motor.Eval(context)
-        position = np.round(state[:n] / self._count) * self._count + 0.0  # no negative zero
+        position = np.rint(state[:n] / self._count) * self._count + 0.0  # no negative zero
         velocity = state[m : m + n] + self._velocity_noise * noise[:n]
         torque = self._gain * self._torque.Eval(context) + self._bias + self._torque_noise * noise[n:]
         gripper = np.concatenate([state[n:m], state[m + n :]])

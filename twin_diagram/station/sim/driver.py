@@ -70,7 +70,7 @@ def held_back(desired: Array, position: Array, reach: Array) -> Array:
     g = len(position)
     off = desired[:g] - position
     back = np.abs(off) > reach
-    return np.concatenate([position + np.clip(off, -reach, reach), np.where(back, 0.0, desired[g:])])
+    return np.concatenate([position + np.minimum(np.maximum(off, -reach), reach), np.where(back, 0.0, desired[g:])])
 
 
 def pressing(desired: Array, closed: Array, inward: Array, reach: Array) -> Array:
@@ -88,7 +88,7 @@ def pressing(desired: Array, closed: Array, inward: Array, reach: Array) -> Arra
         (2g,), beyond where they meet by up to `reach`, the nearer to there the more.
     """
     g = len(closed)
-    left = np.clip(inward * (closed - desired[:g]) / TUNING.meeting, 0.0, 1.0)
+    left = np.minimum(np.maximum(inward * (closed - desired[:g]) / TUNING.meeting, 0.0), 1.0)
     return np.concatenate([desired[:g] + inward * (1.0 - left) * reach, desired[g:]])
 
 
@@ -131,9 +131,8 @@ class NominalGravity:
 
     def torque(self, q: Array) -> Array:
         """Return (n,) torques that hold the arm at (n,) joint angles `q`."""
-        positions = self._q.copy()
-        positions[self._q_index] = q
-        self._plant.SetPositions(self._context, positions)
+        self._q[self._q_index] = q
+        self._plant.SetPositions(self._context, self._q)
         return np.asarray(-self._plant.CalcGravityGeneralizedForces(self._context)[self._v_index])
 
 
@@ -214,11 +213,11 @@ class ArmDriver(LeafSystem):
         command = held.copy()
         if self._q.HasValue(context):
             q = self._q.Eval(context)
-            if np.all(np.isfinite(q)):
+            if np.isfinite(q).all():
                 command[: self._n] = q
         if self._fingers is not None and self._fingers.HasValue(context):
             fingers = self._fingers.Eval(context)
-            if np.all(np.isfinite(fingers)):
+            if np.isfinite(fingers).all():
                 command[self._n :] = fingers
         return command
 

@@ -191,14 +191,12 @@ class Drive(LeafSystem):
         position = desired[: self._n]
         for effect in self._effects:
             position = effect.true_position(self._joints, position)
-        g = len(gripper_torque)
-        return np.array(
-            [
-                np.concatenate([torque, gripper_torque]),
-                np.concatenate([position, gripper_desired[:g]]),
-                np.concatenate([desired[self._n :], gripper_desired[g:]]),
-            ]
-        )
+        n, g = self._n, len(gripper_torque)
+        command = np.empty((3, n + g))
+        command[0, :n], command[0, n:] = torque, gripper_torque
+        command[1, :n], command[1, n:] = position, gripper_desired[:g]
+        command[2, :n], command[2, n:] = desired[n:], gripper_desired[g:]
+        return command
 
     def _part(self, context: Context, which: int) -> Array:
         whole = np.asarray(context.get_discrete_state_vector().value())
