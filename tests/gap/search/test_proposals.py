@@ -19,6 +19,7 @@ from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import Proposer, active, block_edges, block_sums, spans
+from twin_diagram.gap.search.push_points import at_their_points
 from twin_diagram.gap.search.scoring import basis, score_candidate
 from twin_diagram.logs.differentiation import lowpass
 
@@ -32,13 +33,13 @@ def terms() -> Terms:
     return terms_of(Records(ARM, (record(ARM, *swing(14.0)),)))
 
 
-def bench_of(torque: Array, candidates: list[Candidate], seed: int = 3) -> Bench:
+def bench_of(torque: Array, candidates: list[Candidate], seed: int = 3, level: float = NOISE) -> Bench:
     """White noise beside a torque (ΣD, 6), and a nuisance that takes none of it."""
     count = len(terms().records.residual)
     one, none = np.ones(1), torque_bias.on_joints(terms())[WRIST][0]
     nuisance = replace(none, name="", columns=1e-9 * none.columns, spread=1e-9 * one)
-    noise = Whitener(np.ones((6, 1)), np.full(6, NOISE), (count,))
-    return Bench(torque + NOISE * np.random.default_rng(seed).normal(size=(count, 6)), noise, candidates, [nuisance])
+    noise = Whitener(np.ones((6, 1)), np.full(6, level), (count,))
+    return Bench(torque + level * np.random.default_rng(seed).normal(size=(count, 6)), noise, candidates, [nuisance])
 
 
 def test_blocks_are_equal_and_their_sums_add_up() -> None:
@@ -215,6 +216,21 @@ def test_a_push_at_another_point_of_a_link_is_told_there() -> None:
     assert bench.candidates[best].links == wrench.links
     assert np.all(np.abs(told["point"][0] - point) < 4.0 * told["point"][1]) and np.max(told["point"][1]) < 0.05
     assert np.all(np.abs(told["wrench"][0][:3] - force) < 4.0 * told["wrench"][1][:3])
+
+
+@pytest.mark.parametrize("level", [1e-9, 1e-10, 1e-11])
+def test_a_pushs_point_has_an_error_where_logs_are_all_but_exact(level: float) -> None:
+    """Of what the motion does not tell, rounding left less than nothing: variances were below 0."""
+    acts = active(terms(), (0, 5.0), (0, 8.0))
+    wrenches = [force for force in external_force.external_forces(terms()) if force.size > 3]
+    there = external_force.force_at(wrenches[4], external_force.turned(terms(), 4), np.array([0.05, -0.1, 0.1]))
+    push = there.during(acts, (0, 5.0), (0, 8.0))
+    bench = bench_of(push.columns @ np.array([20.0, -10.0, 5.0]), [], level=level)
+    Q = basis(bench, frozenset())
+    made = at_their_points(bench, terms(), Q, np.einsum("jrk,jr->k", Q, bench.y), wrenches, push, acts)
+    told = [one.parameters(np.ones(3), 1e-30 * np.eye(3)) for one in made]
+    errors = np.array([[*one["wrench"][1][:3], *one["point"][1]] for one in told])
+    assert len(made) and np.all(errors > 0.0)
 
 
 def test_a_push_must_be_worth_its_name_and_its_span() -> None:

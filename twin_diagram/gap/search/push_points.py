@@ -51,10 +51,18 @@ def at_their_points(
 
 
 def _solved(bench: Bench, candidate: Candidate, Q: Array, projected: Array) -> tuple[Array, Array]:
-    """Return a candidate's coefficients (k,) beside a hypothesis, drawn to 0 by their spread, and their covariance."""
+    """Return a candidate's coefficients (k,) beside a hypothesis, drawn to 0 by their spread, and their covariance.
+
+    Of logs that are all but exact, what the hypothesis leaves of a direction may be no more than rounding, below 0
+    even: that says nothing of it.
+    """
     rows = list(candidate.rows)
-    X = bench.whiten(candidate).reshape(-1, candidate.size)
+    X = bench.whiten(candidate).reshape(-1, candidate.size) * candidate.spread
     C = Q[rows].reshape(len(X), Q.shape[2]).T @ X
-    covariance = np.linalg.inv(X.T @ X - C.T @ C + np.diag(candidate.spread**-2.0))
-    found = covariance @ (X.T @ bench.y[rows].ravel() - C.T @ projected)
+    whole = X.T @ X
+    told, directions = np.linalg.eigh(whole - C.T @ C)
+    told[told < np.trace(whole) * np.finfo(float).eps] = 0.0
+    root = candidate.spread[:, None] * directions / np.sqrt(1.0 + told)
+    covariance = root @ root.T
+    found = covariance @ ((X.T @ bench.y[rows].ravel() - C.T @ projected) / candidate.spread)
     return np.asarray(found), np.asarray(covariance)
