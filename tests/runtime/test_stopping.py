@@ -12,6 +12,7 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from numba.core import codegen
 
 from twin_diagram import cli
 from twin_diagram.runtime import stopping
@@ -66,6 +67,19 @@ def test_a_log_cannot_swallow_a_stop() -> None:
             time.sleep(1.0)
     finally:
         logger.removeHandler(handler)
+
+
+def test_a_stop_is_not_lost_where_llvm_calls_back() -> None:
+    """A run went on after Ctrl-C where it came while a compiled loop was being stored."""
+    llvm = codegen.ll
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    module = llvm.parse_assembly("define i32 @one() { ret i32 1 }")
+    engine = llvm.create_mcjit_compiler(module, llvm.Target.from_default_triple().create_target_machine(jit=True))
+    engine.set_object_cache(lambda module, data: send(signal.SIGINT), lambda module: None)
+    with pytest.raises(Stopped), stoppable():
+        engine.finalize_object()
+        time.sleep(1.0)
 
 
 def test_pydrake_is_imported_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -124,12 +124,21 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 
 
 def _swallows(frame: FrameType | None) -> bool:
-    """Return whether what is raised now is swallowed: by a log, as Drake's, or by pydrake while it is imported."""
+    """Return whether what is raised now is swallowed.
+
+    By a log, as Drake's, by pydrake while it is imported, or by ctypes, where LLVM calls back while it compiles loops.
+    """
     if getattr(getattr(sys.modules.get("pydrake"), "__spec__", None), "_initializing", False):
         return True
-    while frame is not None and frame.f_code.co_filename != logging.__file__:
-        frame = frame.f_back
-    return frame is not None
+    while frame is not None:
+        code, frame = frame.f_code, frame.f_back
+        if code.co_filename == logging.__file__ or code.co_name in _CALLED_BACK:
+            return True
+    return False
+
+
+_CALLED_BACK: Final = ("_raw_object_cache_notify", "_raw_object_cache_getbuffer")
+"""What llvmlite has LLVM call: what they raise is printed and forgotten."""
 
 
 def _on_alarm(number: int, frame: FrameType | None) -> None:
