@@ -62,7 +62,8 @@ def nearest_one(x: float, y: float, z: float, grid: PointGrid, reach: float, fir
     """Return the distance to the nearest point and its number; infinity and -1 where none is within `reach`.
 
     Cells are searched in growing shells about the point's own, from the first that holds any, until what is found is
-    nearer than any shell to come. Where any will do, it is the `first` that is met.
+    nearer than any shell to come; of a shell, cells that begin farther off are left out. Where any will do, it is the
+    `first` that is met.
     """
     points, starts, corner, cell = grid.points, grid.starts, grid.corner, grid.cell
     shape = grid.empty.shape
@@ -71,26 +72,42 @@ def nearest_one(x: float, y: float, z: float, grid: PointGrid, reach: float, fir
     # To the nearest wall of its own cell: what later shells are farther away than, with their whole cells.
     slack = min(min(gx - i0, i0 + 1 - gx), min(min(gy - j0, j0 + 1 - gy), min(gz - k0, k0 + 1 - gz))) * cell
     best, found = reach * reach, -1
+    # In cells, and by a hair more than rounding is: no cell is left out that holds a nearer one.
+    scale = (1.0 + 1e-9) / (cell * cell)
+    most = best * scale
     inside = i0 >= 0 and j0 >= 0 and k0 >= 0 and i0 < shape[0] and j0 < shape[1] and k0 < shape[2]
     for ring in range(grid.empty[i0, j0, k0] if inside else 0, int(reach / cell) + 2):
         if ring > 0 and ((ring - 1) * cell + slack) ** 2 >= best:
             break
         for i in range(max(i0 - ring, 0), min(i0 + ring, shape[0] - 1) + 1):
+            beside = _beyond(gx, i) ** 2
+            if beside > most:
+                continue
             for j in range(max(j0 - ring, 0), min(j0 + ring, shape[1] - 1) + 1):
+                aside = beside + _beyond(gy, j) ** 2
+                if aside > most:
+                    continue
                 step = 1 if abs(i - i0) == ring or abs(j - j0) == ring else max(2 * ring, 1)
                 for k in range(k0 - ring, k0 + ring + 1, step):
-                    if k < 0 or k >= shape[2]:
+                    if k < 0 or k >= shape[2] or aside + _beyond(gz, k) ** 2 > most:
                         continue
                     for m in range(starts[i, j, k], starts[i, j, k + 1]):
                         dx, dy, dz = points[m, 0] - x, points[m, 1] - y, points[m, 2] - z
                         squared = dx * dx + dy * dy + dz * dz
                         if squared < best:
                             best, found = squared, m
+                            most = squared * scale
                             if first:
                                 return np.sqrt(best), grid.order[found]
     if found < 0:
         return np.inf, -1
     return np.sqrt(best), grid.order[found]
+
+
+@compiled_in_place
+def _beyond(place: float, cell: int) -> float:
+    """Return how far a cell begins from a place along an axis [cells]; 0 within it."""
+    return max(max(cell - place, place - cell - 1.0), 0.0)
 
 
 @compiled_in_place

@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from twin_diagram.assets import Asset
 from twin_diagram.perception.registration.registration import RegisteredPose
-from twin_diagram.perception.registration.rotation import exp
+from twin_diagram.perception.registration.rotation import exp, screw
 from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
@@ -176,7 +176,7 @@ def stood(feet: Sequence[Footing], turns: bool, one: RegisteredPose, plane: Plan
         return one
     arms = contacts @ one.R.T
     off = plane.height(arms + one.p)
-    J = np.hstack([np.cross(arms, plane.normal), np.tile(plane.normal, (len(arms), 1))])
+    J = np.ascontiguousarray(screw(arms, plane.normal))
     middle = J.mean(axis=0)
     # How far corners are off a level through their middle: two numbers tell it.
     u, s, vt = np.linalg.svd((J - middle) / np.sqrt(len(arms)), full_matrices=False)

@@ -41,6 +41,9 @@ colours' shift."""
 ARRIVING: Final = (ObjectStatus.UNSEEN, ObjectStatus.MOVING)
 """What a thing was that has come to rest: seen once, or on its way."""
 
+_FREE: Final = Instance().pack()
+_NOTHING: Final = things.Remembered().pack()
+
 
 @dataclass(frozen=True)
 class ImageSettings:
@@ -103,7 +106,9 @@ class OtherMemory:
     def pack(self) -> Array:
         """Return it as a vector."""
         parts = [np.array([*self.identities, *self.turned_away], dtype=float), self.shift.pack()]
-        parts += [one.pack() for one in self.further] + [one.pack() for one in self.things]
+        # Most slots are free, and what is free is all alike.
+        parts += [one.pack() if one.identity else _FREE for one in self.further]
+        parts += [one.pack() if one.thing.identity else _NOTHING for one in self.things]
         return np.concatenate(parts)
 
     @staticmethod
@@ -112,9 +117,10 @@ class OtherMemory:
         a, b, c, d = (int(x) for x in vector[: HEAD - COLOUR_SHIFT_SIZE])
         shift = ColourShift.unpack(vector[HEAD - COLOUR_SHIFT_SIZE : HEAD])
         end = HEAD + INSTANCE_SIZE * told.further
-        further = tuple(Instance.unpack(row) for row in vector[HEAD:end].reshape(-1, INSTANCE_SIZE))
-        rows = vector[end:].reshape(-1, things.MEMORY_SIZE)
-        return OtherMemory(further, tuple(things.Remembered.unpack(row) for row in rows), (a, b), (c, d), shift)
+        rows, more = vector[HEAD:end].reshape(-1, INSTANCE_SIZE), vector[end:].reshape(-1, things.MEMORY_SIZE)
+        further = tuple(Instance.unpack(row) if row[0] else Instance() for row in rows)
+        unknown = tuple(things.Remembered.unpack(row) if row[0] else things.Remembered() for row in more)
+        return OtherMemory(further, unknown, (a, b), (c, d), shift)
 
 
 @dataclass(frozen=True)

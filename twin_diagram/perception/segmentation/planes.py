@@ -187,10 +187,12 @@ def level_surfaces(
         Planes, at most one a thing, its largest; the largest first.
     """
     bin_ = max(TUNING.least_bin, 2.0 * sigma)
-    height = table.height(points_W)
+    height, axes = table.height(points_W), _axes(table)
     found = []
-    for k in range(int(part.max(initial=-1)) + 1):
-        own = np.flatnonzero(part == k)
+    order = np.argsort(part, kind="stable")
+    starts = np.searchsorted(part[order], np.arange(int(part.max(initial=-1)) + 2))
+    for k in range(len(starts) - 1):
+        own = order[starts[k] : starts[k + 1]]
         if not len(own):
             continue
         count = np.bincount(np.maximum(height[own] / bin_, 0.0).astype(np.int64), weights=areas[own])
@@ -199,7 +201,7 @@ def level_surfaces(
         if among[best] < TUNING.least_area:
             continue
         on = own[np.abs(height[own] - (best + 1) * bin_) < 2.0 * bin_]
-        plane = _fitted(points_W[on], height[on], table, bin_)
+        plane = _fitted(points_W[on], height[on], table, axes, bin_)
         if plane is not None:
             here = own[np.abs(plane.height(points_W[own])) < bin_]
             area = float(areas[here].sum())
@@ -219,10 +221,9 @@ def _width(points: Array, plane: Plane) -> float:
     return float(np.sqrt(12.0 * max(np.linalg.eigvalsh(spread)[0], 0.0)))
 
 
-def _fitted(points: Array, height: Array, table: Plane, width: float) -> Plane | None:
+def _fitted(points: Array, height: Array, table: Plane, axes: Array, width: float) -> Plane | None:
     """Robust plane through points about as high above the table; None if it is not parallel to it."""
     middle = points.mean(axis=0)
-    axes = _axes(table)
     A = np.column_stack([(points - middle) @ axes.T, np.ones(len(points))])
     weight: Array = np.ones(len(points))
     coefficient: Array = np.zeros(3)
