@@ -100,6 +100,26 @@ def test_who_rounds_disparities_has_what_lasts_and_a_renderers_noise_stays_white
     assert rounded.lasting == pytest.approx(1.0 / 3.0)
 
 
+@pytest.mark.parametrize("unit", [0.001, 0.002])
+def test_a_files_steps_are_no_patches_and_hide_no_noise_of_a_third_of_one(unit: float) -> None:
+    v, u = np.mgrid[:480, :640].astype(float)
+    sloping = 1.0 / (1.0 / 0.9 + 0.5 * (v - 240) / 550 + 0.1 * (u - 320) / 550)
+    for depth in (sloping, planes(3)[0]):
+        smooth = measured(np.float32(np.round(depth / unit) * unit))
+        assert (smooth.correlated, smooth.lasting, smooth.growth) == (0.0, 0.0, 0.0002)
+        assert smooth.floor == pytest.approx(unit / np.sqrt(12.0), rel=1e-3)
+        noise = unit / 3.0 * np.random.default_rng(5).standard_normal(depth.shape)
+        noisy = measured(np.where(depth > 0.0, np.round((depth + noise) / unit) * unit, 0.0))
+        assert noisy.floor == 0.0 < 0.8 * unit / 3.0 < noisy.growth * float(np.median(depth)) ** 2
+
+
+def test_steps_of_disparity_alone_are_a_cameras() -> None:
+    v, u = np.mgrid[:480, :640].astype(float)
+    sloping = 43.5 * (1.0 / 0.9 + 0.2 * (v - 240) / 550 + 0.04 * (u - 320) / 550)
+    found = measured(told_in_file(np.round(sloping * 8.0) / 8.0, 0.0001))
+    assert found.floor == 0.0 < found.lasting
+
+
 @pytest.mark.parametrize("lag", [1, 3, 10])
 def test_second_differences_of_patches(lag: int) -> None:
     field = np.concatenate([correlated((480, 640), 2.5, np.random.default_rng(k)) for k in range(4)])

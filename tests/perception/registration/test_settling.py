@@ -15,7 +15,7 @@ from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, register
-from twin_diagram.perception.registration.settling import apart, beside, settle
+from twin_diagram.perception.registration.settling import apart, beside, likeliest, settle
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.scenario.resources import models_dir
 
@@ -40,6 +40,18 @@ def test_rivals_are_listed_as_likely_as_their_costs_say() -> None:
     assert [float(one.p[0]) for one in found] == [0.0, 0.2, 0.1], "the fourth is too unlikely"
     whole = 1.0 + np.exp(-1.0) + np.exp(-2.0)
     np.testing.assert_allclose([one.probability for one in found], [1 / whole, np.exp(-1) / whole, np.exp(-2) / whole])
+
+
+@pytest.mark.parametrize(
+    ("angle", "shares", "shown"),
+    [(1.0, (0.1, 0.6, 0.3), 1), (1.0, (0.3, 0.45, 0.25), 0), (1.0, (0.6, 0.3, 0.1), 0), (0.1, (0.1, 0.6, 0.3), 0)],
+)
+def test_a_turn_likelier_than_all_else_is_shown_and_a_slide_stays_at_its_mean(
+    angle: float, shares: tuple[float, ...], shown: int
+) -> None:
+    turns = (np.eye(3), turn(0.0, 0.0, angle), turn(0.0, 0.0, -2.0))
+    poses = [PoseHypothesis(R, np.zeros(3), np.eye(6), share) for R, share in zip(turns, shares, strict=True)]
+    assert likeliest(poses) == shown
 
 
 @pytest.fixture(scope="module")

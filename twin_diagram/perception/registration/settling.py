@@ -88,8 +88,44 @@ def settle(
     poses = distinct(laid, after, result.covariance, wide)
     if len(rivals) > 1:
         poses = beside(poses, rivals, cost)
-    moved = result is not candidates[0] or bool(np.any(step))
-    return SettledPose(replace(result, R=after.R[0], p=after.p[0], covariance=wide), poses, moved)
+    shown = replace(result, R=after.R[0], p=after.p[0], covariance=wide)
+    first = likeliest(poses)
+    if first > 0:
+        shown, poses = _gone_to(model, frame, shown, poses, first, points_W, params)
+    moved = result is not candidates[0] or bool(np.any(step)) or first > 0
+    return SettledPose(shown, poses, moved)
+
+
+def likeliest(poses: Sequence[PoseHypothesis]) -> int:
+    """Return which hypothesis to show: the first, a mean, or one turned from it that is likelier than all others.
+
+    Half way between two turns is a pose that nothing speaks for; half way along a slide is near to all of it.
+    """
+    best = int(np.argmax([one.probability for one in poses]))
+    turn = float(np.linalg.norm(log((poses[best].R @ poses[0].R.T)[None])))
+    return best if poses[best].probability > 0.5 and turn > TUNING.apart[0] else 0
+
+
+def _gone_to(
+    model: ModelCloud,
+    frame: Frame,
+    mean: RegisteredPose,
+    poses: Sequence[PoseHypothesis],
+    chosen: int,
+    points_W: Array,
+    params: scenario.Registration,
+) -> tuple[RegisteredPose, tuple[PoseHypothesis, ...]]:
+    """Return a hypothesis registered anew, with a claim of all that lies about it, and the hypotheses, it first."""
+    one, centre = poses[chosen], poses[0]
+    found = register(model, frame, one.R, one.p, params, points_W=points_W)
+    if apart(found, one):
+        found = replace(found, R=one.R, p=one.p)
+    off = np.concatenate([log((found.R @ mean.R.T)[None])[0], found.p - mean.p])
+    found = replace(found, covariance=mean.covariance + np.outer(off, off))
+    # The mean stands for what is near it, no longer for all.
+    others = [replace(centre, covariance=one.covariance), *(x for x in poses[1:] if x is not one)]
+    first = replace(one, R=found.R, p=found.p, covariance=found.covariance)
+    return found, (first, *sorted(others, key=lambda other: -other.probability))
 
 
 def turned(
