@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -80,6 +81,12 @@ def test_once_something_was_taken_ways_keep_clear_of_what_had_counted_as_part_of
     left = taken(elbow)
     stand_about_rest(mover, cell, arm, LEARNING, [beside])
     assert mover.free(q, 0.002)[0]
+    # Where the camera has stopped by then, what was seen before is still there.
+    stand_about(mover, LEARNING, [beside, thing])
+    dark = replace(left, depth=np.zeros_like(left.depth))
+    cell.look = lambda name: dark
+    stand_about_rest(mover, cell, NO_ARM, LEARNING, [beside])
+    assert not mover.free(q, 0.002)[0]
 
 
 def test_what_lies_on_the_table_is_taken_from_there_and_not_tipped_up(monkeypatch: pytest.MonkeyPatch) -> None:

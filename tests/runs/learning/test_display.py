@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from twin_diagram.errors import StationError
+from twin_diagram.runs.learning import display as module
 from twin_diagram.runs.learning.display import NothingHeld, display
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.scenario.file import load_scenario
@@ -50,3 +53,16 @@ def test_what_fell_on_its_way_is_told_at_once_and_no_empty_hand_is_turned() -> N
     with pytest.raises(NothingHeld, match="fell on its way"):
         display(mover, cast(Any, cell), twin.learning, cast(Any, None), 0, (0.2,))
     assert np.ptp(np.array(cell.gone)[:, -1]) < 3.1, "a turn is 5.9 rad"
+
+
+@pytest.mark.parametrize(("depth", "what"), [(0.0, StationError), (1.0, NothingHeld)])
+def test_a_camera_that_measures_nothing_is_told_from_an_empty_hand(
+    monkeypatch: pytest.MonkeyPatch, depth: float, what: type[Exception]
+) -> None:
+    twin = load_scenario("bin_picking").twin
+    assert twin.learning is not None
+    mask, picture = np.zeros((2, 2), bool), SimpleNamespace(depth=np.full((2, 2), depth))
+    monkeypatch.setattr(module, "_turn", lambda *told: [SimpleNamespace(picture=picture, mask=mask)])
+    mover, cell = Mover(twin, {}, np.full(7, 2.0)), Sightless(np.array(twin.home))
+    with pytest.raises(what, match="no depth" if what is StationError else "no picture shows anything"):
+        display(mover, cast(Any, cell), twin.learning, cast(Any, None), 0, (0.2,))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.runs.learning.held_box import shown, turned
-from twin_diagram.errors import TwinError
+from twin_diagram.errors import StationError, TwinError
 from twin_diagram.estimation.weighing import WeighingError
 from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing
@@ -24,6 +24,7 @@ from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.pipeline import Learner
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningError, LearningRecord, RunState
+from twin_diagram.runs.learning.seeking import Sought
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done
 from twin_diagram.runs.learning.shape_worker import SHAPE
@@ -126,6 +127,48 @@ def test_an_error_that_ends_the_run_is_the_last_event(tmp_path: Path, monkeypatc
         learner(bin_, tmp_path / "run", monkeypatch).run()
     last = (tmp_path / "run" / "events.jsonl").read_text().splitlines()[-1]
     assert '"stage": "stop", "outcome": "the arm cannot go home"' in last
+
+
+def test_what_a_camera_that_stops_cannot_show_is_marked_before_the_run_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bin_, written = Bin([0.0, 0.3]), list[str]()
+    run = learner(bin_, tmp_path / "run", monkeypatch)
+    followed = Followed(shown=[shown(turned(0.0), np.eye(4), 0)], X_ST=[np.eye(4)])
+    held = ShownObject(followed, [np.eye(4)], [0.05], seen_shares=[0.9])
+
+    def stops(*told: Any) -> Any:
+        raise StationError("camera 'scan' measures no depth")
+
+    def show_first(tools: Any, picked: Picked) -> ShownObject:
+        monkeypatch.setattr(bin_, "look", stops)
+        monkeypatch.setattr(handling, "look_into_bin", stops)
+        return held
+
+    monkeypatch.setattr(handling, "show_first", show_first)
+    monkeypatch.setattr(handling, "show_again", stops)
+    monkeypatch.setattr(handling, "write_frames", lambda folder, *told: written.append(folder.parent.name))
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.seek", lambda *told: (Sought("nothing"), PICTURE))
+    run._jobs = SimpleNamespace(poll=list, pending=[], add=lambda *told: None, close=lambda: None)  # type: ignore[assignment]
+    with pytest.raises(StationError, match="'scan' measures no depth"):
+        run.run()
+    (one,) = LearningRecord(tmp_path / "run", Scenario()).resume().learned
+    assert (one.state, one.why) == ("handled", "camera 'scan' measures no depth")
+    assert written == ["object_01"], "what was seen of it is kept"
+
+
+def test_nothing_is_taken_that_the_scanning_camera_could_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    dark = SimpleNamespace(depth=np.zeros((2, 2), np.float32))
+    lies = [thing(0.0)]
+    monkeypatch.setattr(handling, "go_home", lambda tools: None)
+    monkeypatch.setattr(handling, "steady_picture", lambda cell, name: PICTURE)
+    monkeypatch.setattr(handling, "lying", lambda *told: lies)
+    cell = SimpleNamespace(look=lambda name: dark)
+    tools: Any = SimpleNamespace(cell=cell, learning=Learning(), faces=None, robot=None)
+    with pytest.raises(StationError, match="measures no depth"):
+        handling.look_into_bin(tools, [])
+    lies.clear()
+    assert handling.look_into_bin(tools, [])[1] == [], "an empty bin is done with all the same"
 
 
 def test_an_object_put_away_gives_what_was_given_up_another_chance_once(

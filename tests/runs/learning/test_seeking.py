@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from twin_diagram.errors import StationError
 from twin_diagram.runs.learning import seeking
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.motion import NoWay
@@ -39,3 +40,15 @@ def test_what_cannot_be_put_away_is_known_to_lie_where_it_was_let_fall(
     found, _ = seek(tools, [])
     assert found.put == falls and len(pictures) == looks
     assert found.told.endswith("no room in the other bin") and found.thing is thing
+
+
+def test_where_the_camera_has_stopped_nobody_knows_where_it_lies(monkeypatch: pytest.MonkeyPatch) -> None:
+    def dark(cell: Any, name: str) -> None:
+        raise StationError("camera 'scan' measures no depth")
+
+    monkeypatch.setattr(seeking, "steady_picture", dark)
+    tools: Any = SimpleNamespace(
+        cell=SimpleNamespace(look=str), mover=SimpleNamespace(stand=lambda *told: None), learning=Learning()
+    )
+    found, _ = seek(tools, [])
+    assert found.put is None and found.told == "nobody sees where it lies: camera 'scan' measures no depth"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from twin_diagram.errors import StationError
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.runs.learning.bin_view import SeenThing, things_at, things_within
 from twin_diagram.runs.learning.camera_check import KnownFaces
@@ -72,9 +73,13 @@ def stand_about_rest(
     """Keep ways clear of what lies in the bin once something was taken from it, and of what else was seen before.
 
     What touched the thing may have counted as part of it, and what leant on it fell. The arm may reach over the bin.
+    Where the bin's camera has stopped meanwhile, what was seen before is all that is known.
     """
     low, high = (np.array(corner) for corner in learning.from_bin)
-    picture = steady_picture(cell, learning.bin_camera)
+    try:
+        picture = steady_picture(cell, learning.bin_camera)
+    except StationError:
+        return
     left = [
         one
         for one in things_within(picture, low, high)

@@ -19,6 +19,7 @@ from twin_diagram.runs.learning.cell import Cell, Picture
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import go
+from twin_diagram.runs.learning.steady_picture import refuse_blind
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -141,6 +142,7 @@ def display(
     Raises:
         NoWay: the arm cannot show it at any tilt.
         NothingHeld: it fell before the first turn, or no picture shows anything in the hand.
+        StationError: the camera measured nothing.
     """
     taken: list[HeldPicture] = []
     ways = 0
@@ -154,6 +156,7 @@ def display(
         taken += _turn(mover, cell, learning, robot, grasp, q, during)
     if not ways:
         raise NoWay("cannot be shown to the camera: no posture is reached")
+    refuse_blind(learning.scan_camera, *(one.picture.depth for one in taken))
     good = [one for one in taken if int(one.mask.sum()) >= TUNING.least]
     if not good:
         raise NothingHeld("no picture shows anything in the hand")

@@ -33,7 +33,7 @@ from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
-from twin_diagram.runs.learning.steady_picture import steady_picture
+from twin_diagram.runs.learning.steady_picture import refuse_blind, steady_picture
 from twin_diagram.runs.learning.weighing import (
     Slipping,
     first_mass,
@@ -114,6 +114,7 @@ def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Pi
 
     Raises:
         LearningError: the arm cannot get out of the way.
+        StationError: that camera, or the one to which things are to be shown, measures nothing.
     """
     try:
         go_home(tools)
@@ -122,7 +123,10 @@ def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Pi
     picture = steady_picture(tools.cell, tools.learning.bin_camera)
     things = lying(picture, tools.learning, tools.faces, tools.robot)
     gone = np.array([place[:3] for place in given_up]).reshape(-1, 3)
-    return picture, [t for t in things if (np.linalg.norm(gone - t.middle, axis=1) > TUNING.same_place).all()]
+    left = [t for t in things if (np.linalg.norm(gone - t.middle, axis=1) > TUNING.same_place).all()]
+    if left:  # nothing is taken that could not be shown
+        refuse_blind(tools.learning.scan_camera, tools.cell.look(tools.learning.scan_camera).depth)
+    return picture, left
 
 
 def go_home(tools: Tools) -> None:

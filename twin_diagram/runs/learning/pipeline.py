@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_diagram.errors import TwinError
+from twin_diagram.errors import StationError, TwinError
 from twin_diagram.estimation.weighing import WeighingError
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
@@ -225,7 +225,7 @@ class Learner:
             if shown.swung is not None and not empty.is_file():
                 with self._stage(name, "swing the empty hand"):
                     handling.weigh_empty(self.tools, shown, opening, empty)
-        except (NoWay, NothingHeld) as why:
+        except (NoWay, NothingHeld, StationError) as why:  # of a camera that stopped the next look tells
             one.why = str(why)
             self._let_go(one)
             if not one.standing:

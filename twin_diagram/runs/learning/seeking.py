@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_diagram.errors import StationError
 from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing, things_within, why_not
 from twin_diagram.runs.learning.cell import Picture
 from twin_diagram.runs.learning.following import Followed
@@ -58,7 +59,11 @@ def seek(tools: Tools, standing: Sequence[PutDown]) -> tuple[Sought, Picture]:
     """Look for something on the platform and before it, take it, and put it away beside what stands there."""
     thing, why = None, ""
     for attempt in range(tools.learning.tries):
-        picture = steady_picture(tools.cell, tools.learning.scan_camera)
+        try:
+            picture = steady_picture(tools.cell, tools.learning.scan_camera)
+        except StationError as error:
+            tools.mover.stand(PLATFORM, [], 0.0)
+            return Sought(f"nobody sees where it lies: {error}"), tools.cell.look(tools.learning.scan_camera)
         found = fallen(tools, picture)
         if found is None:
             return Sought("nothing lies on the platform or before it" if thing is None else why, thing), picture

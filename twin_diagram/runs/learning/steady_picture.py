@@ -36,9 +36,18 @@ def steady_picture(cell: Cell, name: str) -> Picture:
         cell.wait(TUNING.apart)
         taken.append(cell.look(name))
     depth = middle_depth(np.stack([one.depth for one in taken]))
-    if not depth.any():
-        raise StationError(f"camera {name!r} measures no depth: is its lens covered, or did it stop? --resume goes on")
+    refuse_blind(name, depth)
     return replace(taken[-1], depth=depth)
+
+
+def refuse_blind(name: str, *depths: npt.NDArray[np.float32]) -> None:
+    """Refuse what a camera delivered where it measured nothing at all.
+
+    Raises:
+        StationError: no pixel of any image (H, W) has depth.
+    """
+    if depths and not any(depth.any() for depth in depths):
+        raise StationError(f"camera {name!r} measures no depth: is its lens covered, or did it stop? --resume goes on")
 
 
 def middle_depth(depths: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
