@@ -52,8 +52,11 @@ def cut_out(
     out = np.zeros((v1 - v0, u1 - u0, 4), dtype=np.float32)
     share = np.float32(1.0 / 255.0)
     for i in range(v0, v1):
-        for j in range(u0, u1):
-            if label[i // stride, j // stride] >= 0:
+        line = i // stride
+        for cell in range(u0 // stride, (u1 - 1) // stride + 1):
+            if label[line, cell] < 0:
+                continue
+            for j in range(max(u0, cell * stride), min(u1, (cell + 1) * stride)):
                 for k in range(3):
                     out[i - v0, j - u0, k] = np.float32(rgb[i, j, k]) * share
                 out[i - v0, j - u0, 3] = 1.0
