@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from twin_diagram.station.sim.noise import Messages, Stream, generator
+from twin_diagram.station.sim.noise import MessageStreams, Stream, generator
 
 
 def test_every_seed_sensor_and_message_has_its_own_and_always_the_same() -> None:
@@ -31,7 +31,7 @@ def test_neighbouring_messages_are_no_shifted_copies() -> None:
 
 def test_messages_draw_what_a_generator_of_their_own_would() -> None:
     """In whatever order they come, and whatever was drawn before."""
-    messages = Messages(7, Stream.ARM)
+    messages = MessageStreams(7, Stream.ARM)
     for tick in (5, 2, 2**40, 0, 9):
         assert np.array_equal(messages.of(tick).standard_normal(13), generator(7, Stream.ARM, tick).standard_normal(13))
         messages.of(tick).integers(0, 5, 3, dtype=np.uint32)  # half of a number is left over

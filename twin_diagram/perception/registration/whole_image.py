@@ -42,7 +42,10 @@ ARRIVING: Final = (ObjectStatus.UNSEEN, ObjectStatus.MOVING)
 """What a thing was that has come to rest: seen once, or on its way."""
 
 _FREE: Final = Instance().pack()
+"""A slot without an instance: what is to be read of it is known without reading, …"""
+
 _NOTHING: Final = things.Remembered().pack()
+"""… as it is of one without a thing."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,16 +10,11 @@ import numpy.typing as npt
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import compiled_in_place
 
-SPHERE: Final = 0
-CAPSULE: Final = 1
-CYLINDER: Final = 2
-BOX: Final = 3
-ELLIPSOID: Final = 4
-HULL: Final = 5
+SPHERE, CAPSULE, CYLINDER, BOX, ELLIPSOID, HULL = range(6)
 """Kinds of shapes."""
 
 
-class Shapes(NamedTuple):
+class RobotShapes(NamedTuple):
     """K shapes, each in a frame G of its own.
 
     Attributes:
@@ -38,7 +33,7 @@ class Shapes(NamedTuple):
 
 @compiled_in_place
 def mark_near(
-    points: Array, places: tuple[Array, Array, Array], shapes: Shapes, margin: float, near: npt.NDArray[np.bool_]
+    points: Array, places: tuple[Array, Array, Array], shapes: RobotShapes, margin: float, near: npt.NDArray[np.bool_]
 ) -> None:
     """Write which points (N, 3) lie within a margin of shapes.
 
@@ -65,7 +60,7 @@ def mark_near(
 
 
 @compiled_in_place
-def distance_to(x: float, y: float, z: float, shapes: Shapes, k: int) -> float:
+def distance_to(x: float, y: float, z: float, shapes: RobotShapes, k: int) -> float:
     """Return the distance of a point in G to a shape, 0 or less inside; no more than that to an ellipsoid or hull."""
     kind, size = shapes.kinds[k], shapes.sizes[k]
     if kind == SPHERE:

@@ -33,7 +33,7 @@ from twin_diagram.perception.segmentation.robot_kernels import (
     ELLIPSOID,
     HULL,
     SPHERE,
-    Shapes,
+    RobotShapes,
     mark_near,
 )
 from twin_diagram.scenario import ArmModel
@@ -163,7 +163,7 @@ class RobotShape:
 
 
 def _told(inspector: SceneGraphInspector, geometry: object) -> tuple[float, int, Array, Array] | None:
-    """Return a shape's bounding radius about G's origin, its kind, sizes (3,) and faces (F, 4); see `Shapes`."""
+    """Return a shape's bounding radius about G's origin, its kind, sizes (3,) and faces (F, 4); see `RobotShapes`."""
     shape, none = inspector.GetShape(geometry), np.zeros((0, 4))
     if isinstance(shape, Sphere):
         return shape.radius(), SPHERE, np.array([shape.radius(), 0.0, 0.0]), none
@@ -185,9 +185,9 @@ def _told(inspector: SceneGraphInspector, geometry: object) -> tuple[float, int,
     return float(np.linalg.norm(vertices, axis=1).max()), HULL, np.zeros(3), _planes(vertices)
 
 
-def _shapes(each: Sequence[tuple[int, Array, Array]]) -> Shapes:
+def _shapes(each: Sequence[tuple[int, Array, Array]]) -> RobotShapes:
     """Return shapes of which kind, sizes (3,) and faces (F, 4) are told."""
-    return Shapes(
+    return RobotShapes(
         np.array([kind for kind, _, _ in each], dtype=np.int64),
         np.array([sizes for _, sizes, _ in each]).reshape(-1, 3),
         np.concatenate([np.zeros((0, 4)), *(faces for _, _, faces in each)]),

@@ -8,7 +8,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from twin_diagram.errors import ScenarioError
 from twin_diagram.scenario import ArmDefects
 from twin_diagram.signals.layouts import NEVER
-from twin_diagram.station.sim.noise import Messages, Stream
+from twin_diagram.station.sim.noise import MessageStreams, Stream
 
 
 class ArmSensors(LeafSystem):
@@ -64,7 +64,7 @@ class ArmSensors(LeafSystem):
         self._velocity_noise, self._torque_noise = defects.velocity_noise, defects.torque_noise
         self._bias = np.array(defects.torque_bias, dtype=float) if defects.torque_bias else np.zeros(n)
         self._gain = np.array(defects.torque_gain, dtype=float) if defects.torque_gain else np.ones(n)
-        self._rate, self._noise = rate, Messages(seed, Stream.ARM)
+        self._rate, self._noise = rate, MessageStreams(seed, Stream.ARM)
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
         self._torque = self.DeclareVectorInputPort("torque", n)
         state = self.DeclareDiscreteState(np.concatenate([np.zeros(3 * n + 2 * g), [NEVER]]))

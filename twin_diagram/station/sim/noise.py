@@ -38,7 +38,7 @@ class Stream(IntEnum):
     CAMERA_TRUTH = 9
 
 
-class Messages:
+class MessageStreams:
     """Draws what `generator` does for one message of a sensor after the other, in a tenth of the time."""
 
     def __init__(self, seed: int, stream: Stream) -> None:
