@@ -10,6 +10,9 @@ from pose_truth.raycast import Picture
 
 Array = npt.NDArray[np.float64]
 
+COLOUR = 4.0
+"""Deviation of a colour's noise [of 255]."""
+
 PROFILES = ("ideal", "d415", "d435", "kinect1")
 
 
@@ -36,7 +39,7 @@ def spoiled(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Return depth [m] and colour as a camera of the profile delivers them; `fixed` waves (H, W) are those of a run."""
     depth, shape = picture.depth.copy(), picture.depth.shape
-    rgb = np.clip(picture.rgb + rng.normal(0.0, 4.0, picture.rgb.shape), 0, 255).astype(np.uint8)
+    rgb = np.clip(picture.rgb + rng.normal(0.0, COLOUR, picture.rgb.shape), 0, 255).astype(np.uint8)
     if profile == "ideal":
         noise = rng.standard_normal(shape, dtype=np.float32)
         return np.where(depth > 0, depth + noise * rms(profile, depth), 0.0).astype(np.float32), rgb

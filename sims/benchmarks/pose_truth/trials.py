@@ -20,6 +20,8 @@ from twin_diagram.scenario.depth_sheets import SHEETS
 Array = npt.NDArray[np.float64]
 DISTANCE = 0.9
 STRIDE = 2
+FEW = 20
+"""Fewer pixels tell no turn: facets of a mug's mesh alone change up to a dozen, a handle in view 30 and more."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class Trial:
         R0, p0: the start.
         camera, depth, rgb, mask: what a method is given; the mask is the true one.
         rays: where pixels look, which segmentation knows before the image comes.
+        telling: pixels of the clean picture that tell the turn; for the score alone. See `telling`.
     """
 
     thing: Thing
@@ -44,6 +47,7 @@ class Trial:
     rgb: npt.NDArray[np.uint8]
     mask: npt.NDArray[np.bool_]
     rays: Array
+    telling: int
 
 
 def _unit(rng: np.random.Generator) -> Array:
@@ -85,12 +89,38 @@ def draw(
     camera = raycast.look_at(eye + [*p[:2], 0.0], np.array([*p[:2], 0.05]) + rng.normal(0.0, 0.05, 3) * [1, 1, 0])
     camera = replace(camera, depth_noise=DepthSigma(*SHEETS[profile]))
     picture = raycast.take(camera, [(thing, R, p)])
-    if hidden > 0:
-        picture = raycast.take(camera, [(thing, R, p)], screen(camera, picture, hidden, rng.uniform(0, 2 * np.pi)))
+    plate = screen(camera, picture, hidden, rng.uniform(0, 2 * np.pi)) if hidden > 0 else None
+    if plate is not None:
+        picture = raycast.take(camera, [(thing, R, p)], plate)
+    seen = telling(thing, (R, p), camera, plate, picture, float(np.radians(degrees)))
     depth, rgb = spoil.spoiled(picture, profile, rng)
     R0 = exp((np.radians(degrees) * _unit(rng))[None])[0] @ R
     mask = (picture.label == 0) & (depth > 0)
-    return Trial(thing, R, p, R0, p + metres * _unit(rng), camera, depth, rgb, mask, camera.rays(STRIDE))
+    return Trial(thing, R, p, R0, p + metres * _unit(rng), camera, depth, rgb, mask, camera.rays(STRIDE), seen)
+
+
+def telling(
+    thing: Thing,
+    pose: tuple[Array, Array],
+    camera: Pinhole,
+    plate: tuple[Array, npt.NDArray[np.int64]] | None,
+    picture: raycast.Picture,
+    angle: float,
+) -> int:
+    """Return how many pixels change beyond noise where a thing is turned in place by as much as the start is off.
+
+    It is the fewest of turns both ways about its own axes, but that of what looks the same all round. Where it is none,
+    the picture is that of the turned thing, too, and no method can decide (`FEW`).
+    """
+    R, p = pose
+    fewest = picture.label.size
+    for axis in np.eye(3)[: 2 if thing.symmetric == "z" else 3]:
+        for way in (-angle, angle):
+            other = raycast.take(camera, [(thing, R @ exp((way * axis)[None])[0], p)], plate)
+            off = np.abs(other.depth - picture.depth) > 3.0 * camera.depth_noise(picture.depth)
+            colour = np.abs(other.rgb.astype(int) - picture.rgb).max(axis=2) > 3.0 * spoil.COLOUR
+            fewest = min(fewest, int(np.count_nonzero(off | colour | (other.label != picture.label))))
+    return fewest
 
 
 def miss(trial: Trial, R: Array, p: Array) -> tuple[float, float]:
