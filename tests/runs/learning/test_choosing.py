@@ -56,3 +56,24 @@ def test_beside_a_wall_they_are_opened_less(monkeypatch: pytest.MonkeyPatch) -> 
     most = gripper.opening_least + reach.opened * (gripper.opening_most - gripper.opening_least)
     assert reach.X_WT[1, 3] - most / 2 - gripper.finger_thickness > LOW[1], "the outer finger is within the bin"
     assert abs(reach.X_WT[:3, 1] @ [0.0, 1.0, 0.0]) > 0.97 and reach.X_WT[2, 2] < -0.9
+
+
+def test_room_beside_the_fingers_is_not_bought_with_a_grasp_by_their_tips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bottle beside a box: with 4 mm more room the pads closed on its upper half alone, and it slipped out."""
+
+    def some(tool: float, seen: bool) -> Grasps:
+        across, none = np.array([0.0, 0.035, 0.0]), np.full(3, np.nan)
+        poses = np.array([[0.0, 1.0, 0.0, 0.0, 0.4, -0.3, tool]])
+        middle = np.array([0.4, -0.3, 0.061])
+        contacts = np.stack([middle + across, middle - across if seen else none])[None]
+        return Grasps(poses, np.full(1, 0.07), np.ones(1), {}, contacts, {})
+
+    offers = [some(0.071, True), some(0.050, False)]
+    given = iter(offers * len(choosing.TUNING.opened))
+    monkeypatch.setattr(choosing, "reach_of", all_reached)
+    monkeypatch.setattr(choosing, "grasps_of_thing", lambda *told: next(given))
+    reach, _ = choose(beside_the_wall(0.10))
+    assert reach is not None and reach.X_WT[2, 3] == 0.050 and reach.opened == 1.0
+    given = iter(offers[:1] * 2 * len(choosing.TUNING.opened))
+    reach, _ = choose(beside_the_wall(0.10))
+    assert reach is not None and reach.X_WT[2, 3] == 0.071, "where nothing else is to be had"

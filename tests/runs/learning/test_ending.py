@@ -125,3 +125,13 @@ def test_time_that_runs_out_on_the_way_leaves_it_in_the_hand(monkeypatch: pytest
             ended = end_early(arm.tools, within=0.25)
             took = time.monotonic() - begun
     assert "held" in ended.told and not ended.empty and "open" not in arm.done and took < 1.0
+
+
+def test_what_was_just_taken_may_touch_what_it_lay_on_as_the_arm_comes_to_rest() -> None:
+    arm = Arm()
+    arm.commanded = arm.shut_at + [0.0, 0.0, 0.02]
+    end_early(arm.tools)
+    assert arm.done[:2] == ["release", "brake"]
+    arm = Arm()
+    end_early(arm.tools)
+    assert arm.done[0] == "brake", "elsewhere no step asks for a contact"

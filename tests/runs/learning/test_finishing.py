@@ -39,6 +39,7 @@ def test_an_assets_origin_is_the_centre_of_mass_its_axes_those_of_the_world(
     centre = MIDDLE if off is None else MIDDLE + off
     np.testing.assert_allclose(told["R_OS"] @ centre + told["p_OS"], 0.0, atol=1e-6)
     np.testing.assert_allclose(told["R_OS"], R_WS)
+    np.testing.assert_allclose(told["centre"], -told["p_OS"] - R_WS @ MIDDLE, atol=2e-3)
     known = read_known(tmp_path / "box")
     assert known.mass == pytest.approx(0.5 if off is not None else 0.24, rel=1e-3)
     np.testing.assert_allclose(known.centre, 0.0, atol=1e-6)

@@ -190,6 +190,11 @@ def test_the_gallery_is_one_file_that_shows_what_failed(tmp_path: Path) -> None:
     assert "1 of 3 finished, 1 reported, 1 failed" in page and "too wide &lt;for&gt; the fingers" in page
     assert "500 ± 2 g" in page and "± 0.98, ± 1.2, ± 1.4 mm" in page and "100 ± 2, 200 ± 3.9, 300 ± 120 kg·mm²" in page
     assert '<td class="guess">100 ± 2' in page, "what was not measured stands out"
+    assert page.count("--again") == 1 and "--again object_02" in page, "what has a second try is told how"
+    state.learned[0].figures["centre"] = [0.0021, -0.014, 0.0]
+    write_gallery(record, state)
+    told = "2.1 ± 0.98, -14 ± 1.2, 0 ± 1.4 mm off the middle of its box, measured"
+    assert told in (record.folder / "gallery.html").read_text()
     assert "its log is empty" in page and "out of reach" in page and "it was lost; no frames" in page
     assert "70 pictures in 2 grasps; slipped by 4 mm and 6°" in page
     assert page.count("<canvas") == 1 and "http" not in page.replace("http-equiv", "")

@@ -337,10 +337,14 @@ def downward(grasps: Grasps) -> Array:
     """Return the numbers of grasps that come from above, the straightest of the good ones first."""
     down = -grasps.approach[:, 2]
     cost = grasps.score + TUNING.slanted * (1.0 - down) + TUNING.one_sided * (~grasps.seen).any(axis=1)
-    ahead = np.einsum("nki,ni->nk", grasps.contacts - grasps.poses[:, None, 4:], grasps.approach)
-    cost = cost + TUNING.shallow * (np.where(grasps.seen, ahead, -np.inf) > TUNING.tip).any(axis=1)
-    order = np.argsort(cost, kind="stable")
+    order = np.argsort(cost + TUNING.shallow * by_tips(grasps), kind="stable")
     return np.asarray(order[down[order] >= TUNING.steepest])
+
+
+def by_tips(grasps: Grasps) -> npt.NDArray[np.bool_]:
+    """Return which grasps (N,) hold by the very tips of the pads."""
+    ahead = np.einsum("nki,ni->nk", grasps.contacts - grasps.poses[:, None, 4:], grasps.approach)
+    return np.asarray((np.where(grasps.seen, ahead, -np.inf) > TUNING.tip).any(axis=1))
 
 
 def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from twin_diagram.planning.grasps import Gripper
-from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing, why_not
+from twin_diagram.runs.learning.bin_view import SeenThing, by_tips, downward, grasps_of_thing, why_not
 from twin_diagram.runs.learning.cell import Cell
 from twin_diagram.runs.learning.in_the_way import in_the_way
 from twin_diagram.runs.learning.motion import Mover
@@ -42,8 +42,9 @@ def choose(
 ) -> tuple[Reach | None, str]:
     """Return a grasp of a thing that is reached, or why there is none.
 
-    One whose contacts are both seen or guessed goes before one with a side of which nothing is known; fingers that are
-    opened all the way before others.
+    One whose contacts are both seen or guessed goes before one with a side of which nothing is known, and that before
+    one by the very tips of the pads, with which more room is bought too dearly; fingers that are opened all the way
+    before others.
 
     Args:
         mover: plans.
@@ -56,7 +57,7 @@ def choose(
         attempt: number of the try, from 0.
         failed: (4, 4) poses of the tool at which it held nothing.
     """
-    spare, why = None, ""
+    spares, why = dict[bool, Reach](), ""
     for opened in TUNING.opened:
         most = gripper.opening_least + opened * (gripper.opening_most - gripper.opening_least)
         for beside in in_the_way(*bin_corners, rest):
@@ -67,7 +68,10 @@ def choose(
             elif why != "out of reach":
                 why = "out of reach" if len(order) else why_not(thing, gripper, grasps)
             reach = reach_of(mover, cell, grasps, unlike(grasps.poses, order, failed), opened=opened)
-            if reach is not None and grasps.seen[reach.grasp].all():
+            if reach is None:
+                continue
+            tips = bool(by_tips(grasps)[reach.grasp])
+            if grasps.seen[reach.grasp].all() and not tips:
                 return reach, ""
-            spare = spare or reach
-    return spare, why
+            spares.setdefault(tips, reach)
+    return spares.get(False, spares.get(True)), why

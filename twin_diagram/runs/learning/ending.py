@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +65,8 @@ def end_early(tools: Tools, within: float = TUNING.within) -> Ending:
     cell, begun = tools.cell, time.monotonic()
     try:
         with stopping.closing(within):
-            cell.brake()
+            with _where_taken(tools):
+                cell.brake()
             if not cell.shut or cell.opening < PICKING.empty or cell.shut_at is None:
                 return Ending("the hand is empty", True)
             way, line = _way_down(tools.mover, cell.commanded, tools.mover.tool(cell.shut_at))
@@ -85,6 +87,16 @@ def end_early(tools: Tools, within: float = TUNING.within) -> Ending:
         return Ending(f"it is held: {why}", False)
     except Stopped:
         return Ending("it is held: there was no time to set it down", False)
+
+
+def _where_taken(tools: Tools) -> AbstractContextManager[None]:
+    """Have the observer know that the hand is still where its fingers shut: what it holds may touch what it lay on."""
+    cell, mover = tools.cell, tools.mover
+    if cell.shut_at is None:
+        return nullcontext()
+    place, taken = mover.tool(cell.commanded)[:3, 3], mover.tool(cell.shut_at)[:3, 3]
+    near = float(np.linalg.norm(place - taken)) < TUNING.above
+    return cell.about(RELEASE, place) if near else nullcontext()
 
 
 def _way_down(mover: Mover, q: Array, X_WT: Array) -> tuple[TimedPath | None, TimedPath]:

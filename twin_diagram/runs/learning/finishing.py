@@ -118,6 +118,8 @@ def write_learned(
     return {
         "mass": own.mass,
         "mass_std": own.mass_std if np.isfinite(own.mass_std) else None,
+        # From the middle of the box about it, along the asset's axes.
+        "centre": own.centre,
         "centre_std": own.centre_std if np.isfinite(own.centre_std).all() else None,
         "moments": moments,
         "moments_std": moments_std if np.isfinite(moments_std).all() else None,

@@ -174,6 +174,8 @@ def _row(name: str, text: str) -> str:
 def _rows(one: Learned) -> list[tuple[str, str]]:
     """Return what the table of an object says."""
     rows = [("what failed", one.told)] if one.told else []
+    if one.no_asset:
+        rows.append(("a second try", f"twin-diagram learn … --again {one.name}"))
     if one.state == "handled":
         rows.append(("asset", "its shape is still being made"))
     f = one.figures
@@ -182,15 +184,18 @@ def _rows(one: Learned) -> list[tuple[str, str]]:
         even = " as if of water" if f.get("mass_std") is None else ""
         rows.append(("mass", f"{_values([f['mass']], [f.get('mass_std')], 1e3)} g, {by.get('mass', '')}{even}"))
     if f.get("centre_std"):
-        known = ", ".join(f"± {_short(1.96e3 * x)}" for x in f["centre_std"])
-        rows.append(("centre of mass", f"{known} mm, {by.get('centre', '')}"))
+        if "centre" in f:  # runs of before have none
+            known = f"{_values(f['centre'], f['centre_std'], 1e3)} mm off the middle of its box"
+        else:
+            known = ", ".join(f"± {_short(1.96e3 * x)}" for x in f["centre_std"]) + " mm"
+        rows.append(("centre of mass", f"{known}, {by.get('centre', '')}"))
     if "moments" in f:
         moments = _values(f["moments"], f.get("moments_std") or [None] * 3, 1e6)
         rows.append(("principal moments", f"{moments} kg·mm², {by.get('inertia', '')}"))
     if "not weighed" in f:
         rows.append(("not weighed", f["not weighed"]))
     if "size" in f:
-        rows.append(("size", " × ".join(f"{1e3 * x:.0f}" for x in f["size"]) + " mm"))
+        rows.append(("box about it", " × ".join(f"{1e3 * x:.0f}" for x in f["size"]) + " mm, as it lay in the bin"))
     if "seen_share" in f:
         after = ", ".join(f"{100 * share:.1f}" for share in f.get("seen_after_grasps", []))
         rows.append(("surface seen", f"{100 * f['seen_share']:.1f} % of what some pose shows (by grasps: {after})"))
