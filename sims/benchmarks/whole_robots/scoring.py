@@ -36,6 +36,9 @@ PERCENTILES = (10, 50, 90)
 SLIDING = 0.02
 """Slower, a joint may stick, and what holds it is no friction's curve [rad/s]."""
 
+NEAR = 1e-3
+"""As far from one another, points are the same [m]."""
+
 LEVELS = {"torque": 1.0, "torque_positive": 0.5, "torque_negative": 0.5, "coulomb": 1.0}
 """Parameters of dry friction, and their share of the mean of both directions."""
 
@@ -85,7 +88,29 @@ def right(effect: dict[str, Any], robot: Robot) -> bool:
     for thing in truth.unusual:
         links = [] if thing.link is None else [truth.described.link_names[thing.link]]
         if thing.name == name:
-            return sorted(at) == sorted(thing.joints) and (not links or effect["links"] == links)
+            same = not links or effect["links"] == links or (name == "external_force" and carried(effect, robot))
+            return sorted(at) == sorted(thing.joints) and same
+    return False
+
+
+def carried(effect: dict[str, Any], robot: Robot) -> bool:
+    """Whether a force is told at a point that an inner link carries and that is the origin of the link pushed.
+
+    What lies on the axis of the joint between moves with either link, and the force turns that joint by nothing: no
+    log tells one from the other, and the contract takes the innermost. A Panda's links 5 and 6 have one origin.
+    """
+    (thing,) = [thing for thing in robot.truth.unusual if thing.name == "external_force"]
+    chain, told = robot.truth.described, effect["parameters"]
+    if np.any(thing.values["wrench"][3:]) or np.any(told["wrench"]["value"][3:]):
+        return False
+    point = np.zeros(3)
+    for k in range(thing.link or 0, 0, -1):
+        if np.linalg.norm(np.cross(chain.links[k].axis, point)) > NEAR:
+            return False
+        point = chain.links[k].position + chain.links[k].rotation @ point
+        if effect["links"] == [chain.link_names[k - 1]]:
+            off = np.abs(point - told["point"]["value"])
+            return bool(np.all(off <= NEAR + 3.0 * np.array(told["point"]["std"])))
     return False
 
 

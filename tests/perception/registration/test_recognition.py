@@ -42,7 +42,7 @@ def test_an_objects_points_are_those_within_12_mm() -> None:
     points = p + np.random.default_rng(2172).normal(0.0, 0.05, (800, 3))
     away = np.array([np.linalg.norm(cloud.points @ R.T + p - y, axis=1).min() for y in points])
     found = Found(RegisteredPose(R, p, np.eye(6), 1.0, 1.0, 1.0, 1.0), 1.0, 1.0)
-    segments: Any = SimpleNamespace(points_W=points)
+    segments: Any = SimpleNamespace(points=points)
     np.testing.assert_array_equal(_owned(cloud, segments, found), np.flatnonzero(away < 0.012))
 
 

@@ -239,7 +239,7 @@ def test_an_objects_own_points_are_those_near_its_surface() -> None:
     R, p = turn(0.3, -0.4, 0.5), np.array([0.2, -0.1, 0.3])
     rng = np.random.default_rng(2122)
     points = p + rng.normal(0.0, 0.05, (900, 3))
-    segments: Any = SimpleNamespace(points_W=points)
+    segments: Any = SimpleNamespace(points=points)
     for reach in (0.012, 0.03):
         away = np.array([np.linalg.norm(cloud.points @ R.T + p - y, axis=1).min() for y in points])
         np.testing.assert_array_equal(claimed(cloud, segments, R, p, reach), np.flatnonzero(away < reach))
@@ -249,9 +249,9 @@ def test_an_objects_own_points_are_those_near_its_surface() -> None:
     for most in (50, 10_000):
         some = ball[:: max(1, len(ball) // most)]
         np.testing.assert_array_equal(claimed(cloud, segments, R, p, 0.012, most), some[away[some] < 0.012])
-    nowhere: Any = SimpleNamespace(points_W=points + 9.0)
+    nowhere: Any = SimpleNamespace(points=points + 9.0)
     assert claimed(cloud, nowhere, R, p, 0.012).size == 0
     # The ball is as large as the object and the reach.
-    edge: Any = SimpleNamespace(points_W=p + np.array([[0.0619, 0.0, 0.0], [0.0, 0.0621, 0.0]]))
+    edge: Any = SimpleNamespace(points=p + np.array([[0.0619, 0.0, 0.0], [0.0, 0.0621, 0.0]]))
     lone: Any = replace(cloud, radius=0.05, points=np.array([[0.0, 0.06, 0.0], [0.06, 0.0, 0.0]]))
     assert claimed(lone, edge, np.eye(3), p, 0.012).tolist() == [0]

@@ -47,7 +47,9 @@ class GearShape:
     values: tuple[tuple[str, float], ...]
 
 
-def gear(terms: Terms, shape: GearShape, bare: Mapping[int, Untwisted] | None = None) -> Candidate | None:
+def gear(
+    terms: Terms, shape: GearShape, bare: Mapping[int, Untwisted] | None = None, *, roughly: bool = False
+) -> Candidate | None:
     """Return the candidate of one shape: its torque, whose coefficient is about 1, and the rotor's inertia.
 
     None where the shape is not within what the effect allows, or its torque not finite.
@@ -56,6 +58,7 @@ def gear(terms: Terms, shape: GearShape, bare: Mapping[int, Untwisted] | None = 
         terms: of the logs.
         shape: of the gear.
         bare: by the `id` of each record, where other shapes are tried on the same logs.
+        roughly: a spring is worked out by one pass alone.
     """
     kinds = REGISTRY[shape.name].kinds
     if not all(kinds[key].lower <= value <= kinds[key].upper for key, value in shape.values):
@@ -67,7 +70,8 @@ def gear(terms: Terms, shape: GearShape, bare: Mapping[int, Untwisted] | None = 
     rate = records.reduce(lambda r: r.a)[:, j]
 
     def law(record: Record) -> Array:
-        beyond, known = record.torque - record.given, bare[id(record)] if bare is not None else None
+        beyond, known = record.torque - record.given, bare[id(record)] if bare is not None else Untwisted()
+        known = known.rough() if roughly else known
         motion = records.angles(record), record.v, record.a
         return model.law.twist(motion, 1.0 / record.rate, beyond, known).torque
 

@@ -5,6 +5,7 @@ Springs beside them swing in the same steps; springs alone are `elastic_gears`' 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass, field
 from operator import mul
 from typing import Any
@@ -178,6 +179,8 @@ def _between(steps: Array) -> Array:
 def play_alone(mass: Array, load: Array, half: float, period: float) -> tuple[Array, Array, Array]:
     """Return the twist of one gear with play alone: plain numbers, which are twenty times as fast.
 
+    While its load presses it to an end it rests there, and nothing is worked out.
+
     Args:
         mass: (N,) inertia of what the gear moves [kg·m²].
         load: (N,) torque that moves it [N·m].
@@ -189,24 +192,38 @@ def play_alone(mass: Array, load: Array, half: float, period: float) -> tuple[Ar
     """
     parts = max(1, int(np.ceil(period / TUNING.longest_step - 1e-9)))
     h = period / parts
-    shares = [(part + 0.5) / parts for part in range(parts)]
-    pull = (-h * load / mass).tolist()
+    shares = (np.arange(parts) + 0.5) / parts
+    pull = -h * load / mass
+    steps = (pull[:-1, None] + np.diff(pull)[:, None] * shares).ravel()
+    lifts = [_lifting(steps, h, end) for end in (half, -half)]
+    pulls, count, half = steps.tolist(), len(steps), float(half)  # numpy's own numbers take several times as long
     e, v = (-half if load[0] > 0.0 else half), 0.0
-    angle, rate = [e], [v]
-    for k in range(1, len(pull)):
-        first, more = pull[k - 1], pull[k] - pull[k - 1]
-        for share in shares:
-            v += first + share * more
-            ahead = e + h * v
-            if ahead > half:
-                v, ahead = (half - e) / h, half
-            elif ahead < -half:
-                v, ahead = (-half - e) / h, -half
-            e = ahead
-        angle.append(e)
-        rate.append(v)
-    rates = np.array(rate)
-    return np.array(angle), rates, _between(np.diff(rates[:, None], axis=0) / period)[:, 0]
+    angle, rate, k = [e] * (count + 1), [v] * (count + 1), 0
+    while k < count:
+        if v == 0.0 and (e == half or e == -half):
+            lift = lifts[0] if e == half else lifts[1]
+            at = bisect_left(lift, k)
+            free = lift[at] if at < len(lift) else count
+            angle[k + 1 : free + 1] = [e] * (free - k)
+            if free == count:
+                break
+            k = free
+        v += pulls[k]
+        ahead = e + h * v
+        if ahead > half:
+            v, ahead = (half - e) / h, half
+        elif ahead < -half:
+            v, ahead = (-half - e) / h, -half
+        e, k = ahead, k + 1
+        angle[k], rate[k] = e, v
+    rates = np.array(rate[::parts])
+    return np.array(angle[::parts]), rates, _between(np.diff(rates[:, None], axis=0) / period)[:, 0]
+
+
+def _lifting(steps: Array, h: float, end: float) -> list[int]:
+    """Return which changes of speed (N,) move a gear that rests at an end of its gap; the others press it there."""
+    ahead = end + h * steps
+    return np.flatnonzero((steps != 0.0) & ((ahead <= end) if end > 0.0 else (ahead >= end))).tolist()
 
 
 def _keep_within(inverse: list[list[float]], v: list[float], bounds: list[tuple[int, float, float]]) -> None:

@@ -12,6 +12,7 @@ by a Gauss method, which neither damps nor blows up; play, and springs beside it
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,11 +81,21 @@ class Untwisted:
     """What links need along one motion while no gear has twisted: the same whatever a gear's stiffness, loss and gap.
 
     One serves one motion, and an arm that differs in its yielding gears alone; it remembers what was worked out.
+
+    Attributes:
+        roughly: springs alone are as a first pass foresees them, where only which of them suits best is asked.
     """
 
     def __init__(self) -> None:
         """Start with nothing."""
+        self.roughly = False
         self._known: dict[tuple[object, ...], tuple[Array, ...]] = {}
+
+    def rough(self) -> Untwisted:
+        """Return what shares all that is remembered, and has springs worked out roughly."""
+        result = copy(self)
+        result.roughly = True
+        return result
 
     def once(self, key: tuple[object, ...], work: Callable[[], tuple[Array, ...]]) -> tuple[Array, ...]:
         """Return what `work` does, of a key's first call; not to be changed."""
@@ -268,8 +279,8 @@ def _springs(
             scale = TUNING.farthest / np.max(np.abs(angle))
             angle, rate, acceleration = scale * angle, scale * rate, scale * acceleration
         foreseen = rest + _times(M, acceleration) + _times(C, rate) + _times(G, angle)
-        load = link(angle, rate, acceleration)
-        if np.linalg.norm(load - foreseen) < TUNING.settled * np.linalg.norm(load - rigid):
+        load = foreseen if bare.roughly else link(angle, rate, acceleration)
+        if bare.roughly or np.linalg.norm(load - foreseen) < TUNING.settled * np.linalg.norm(load - rigid):
             break
     return Twist(angle, rate, load - rigid)
 
