@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -159,6 +160,14 @@ def test_nothing_that_exists_is_overwritten(tmp_path: Path, capsys: pytest.Captu
     assert "exists already" in capsys.readouterr().err and out.read_text() == "mine"
     assert cli.main([*command, str(tmp_path / "new.yaml")]) == 0
     assert "2 joints (shoulder, elbow), tool frame fore" in capsys.readouterr().out
+
+
+def test_how_it_is_run_is_told_as_a_shell_reads_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "two.urdf").write_text(PLACEHOLDER)
+    out = str(tmp_path / "my arm's.yaml")
+    assert cli.main(["init", "--arm", str(tmp_path / "two.urdf"), "--out", out]) == 0
+    told = capsys.readouterr().out.splitlines()[-1].removeprefix("run it: ")
+    assert shlex.split(told) == ["twin-diagram", "run", out, "--out", "out/first"]
 
 
 @pytest.mark.parametrize(
