@@ -10,6 +10,7 @@ import io
 import json
 import logging
 import os
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -329,7 +330,7 @@ def _init(arguments: argparse.Namespace) -> int:
     print(f"{arguments.out}: {len(found.joints)} joints ({', '.join(found.joints)}), tool frame {found.frames[0]}")
     for note in found.notes(arguments.arm):
         print(f"note: {note}", file=sys.stderr)
-    print(f"run it: twin-diagram run {arguments.out} --out out/first")
+    print(f"run it: twin-diagram run {shlex.quote(str(arguments.out))} --out out/first")
     return 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -161,6 +162,14 @@ def test_nothing_that_exists_is_overwritten(tmp_path: Path, capsys: pytest.Captu
     assert "2 joints (shoulder, elbow), tool frame fore" in capsys.readouterr().out
 
 
+def test_how_it_is_run_is_told_as_a_shell_reads_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "two.urdf").write_text(PLACEHOLDER)
+    out = str(tmp_path / "my arm's.yaml")
+    assert cli.main(["init", "--arm", str(tmp_path / "two.urdf"), "--out", out]) == 0
+    told = capsys.readouterr().out.splitlines()[-1].removeprefix("run it: ")
+    assert shlex.split(told) == ["twin-diagram", "run", out, "--out", "out/first"]
+
+
 @pytest.mark.parametrize(
     ("arm", "out", "said"),
     [
@@ -174,6 +183,21 @@ def test_what_cannot_be_is_refused_and_nothing_written(arm: str, out: str, said:
     with pytest.raises(TwinError, match=said):
         write_first_scenario(tmp_path / arm, tmp_path / out)
     assert [path.name for path in tmp_path.iterdir()] == ["two.urdf"]
+
+
+def test_of_a_robot_with_two_arms_the_joints_to_name_are_told_before_its_meshes_are_read(tmp_path: Path) -> None:
+    inertial = '<inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    mesh = '<visual><geometry><mesh filename="nowhere.stl"/></geometry></visual>'
+    text = f'<robot name="two"><link name="base">{mesh}</link>'
+    for name, parent in (("waist", "base"), ("l0", "waist"), ("r0", "waist"), ("r1", "r0"), ("r2", "r1"), ("l1", "l0")):
+        text += f'<link name="{name}">{inertial}</link><joint name="{name}_j" type="revolute"><parent link="{parent}"/>'
+        text += f'<child link="{name}"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="2"/>'
+        text += "</joint>"
+    (tmp_path / "two.urdf").write_text(f"{text}</robot>")
+    with pytest.raises(TwinError, match=r"\(--joints r0_j r1_j r2_j; .*; others are l0_j to l1_j$"):
+        look_at(tmp_path / "two.urdf")
+    with pytest.raises(TwinError, match=r"nowhere\.stl"):
+        look_at(tmp_path / "two.urdf", joints=["r0_j", "r1_j", "r2_j"])
 
 
 def test_joints_that_the_description_leaves_without_a_motor_are_told(

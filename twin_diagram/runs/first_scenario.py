@@ -17,6 +17,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.model.description import held_joints, unparsed
 from twin_diagram.model.description.add_arm import Arm, add_arm
 from twin_diagram.model.model import Model
+from twin_diagram.planning.collision.chain import Chain
 from twin_diagram.planning.collision.collision_scene import Forecast, load_scene
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.output_place import why_not
@@ -127,7 +128,8 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None, j
         ModelError: it cannot be read, or has no joint to drive.
     """
     spec = scenario.ArmModel(model=str(arm), tool_frame="", joints=list(joints))
-    Model.load(spec, packages)  # refuses what a run would refuse
+    model = Model.load(spec, packages)  # refuses what a run would refuse,
+    Chain.from_plant(model.plant, model.arm.joint_indices, model.arm.tool_frame)  # and before meshes are read
     plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     added = add_arm(plant, spec, packages)

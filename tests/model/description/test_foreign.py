@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from pathlib import Path
 
@@ -231,6 +232,32 @@ MJCF = """<mujoco model="arm"><compiler angle="radian" meshdir="assets"/><includ
     <body name="link"><joint name="lift" axis="0 1 0" range="-1 1"/>
       <inertial pos="0 0 0.1" mass="2" diaginertia="0.1 0.1 0.1"/><geom type="mesh" mesh="box"/></body></body>
 </worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("folder", ['meshdir="assets"', ""])
+def test_a_mesh_of_an_mjcf_that_is_not_there_is_named_where_it_was_looked_for(tmp_path: Path, folder: str) -> None:
+    """It was told to be in the folder that the user is in."""
+    (tmp_path / "meshes.xml").write_text('<mujoco><asset><mesh file="box.stl"/></asset></mujoco>')
+    (tmp_path / "arm.xml").write_text(MJCF.replace('meshdir="assets"', folder))
+    place = tmp_path / "assets" if folder else tmp_path
+    with pytest.raises(ModelError, match=re.escape(f'"{place / "box.stl"}" could not be found')):
+        shape_of(tmp_path / "arm.xml")
+
+
+@pytest.mark.parametrize("shape", ['<box size="0.1 0 0.2"/>', '<cylinder length="0.0" radius="0.1"/>'])
+@pytest.mark.parametrize("use", ["visual", "collision"])
+def test_a_placeholder_without_volume_is_no_shape(tmp_path: Path, shape: str, use: str) -> None:
+    """Drake ends the program where it meets one."""
+    (tmp_path / "box.stl").write_bytes(binary_stl(TRIANGLES))
+    nothing = f"<{use}><origin xyz='0 0 9'/><geometry>{shape}</geometry></{use}>"
+    text = urdf("box.stl")
+    (tmp_path / "arm.urdf").write_text(text)
+    expected = shape_of(tmp_path / "arm.urdf")
+    (tmp_path / "arm.urdf").write_text(text.replace("<inertial>", f"{nothing}<inertial>"))
+    assert nothing in (tmp_path / "arm.urdf").read_text()
+    found = shape_of(tmp_path / "arm.urdf")
+    np.testing.assert_array_equal(found[1], expected[1])
+    assert found[2] == expected[2]
 
 
 @pytest.mark.parametrize("kind", ["mesh", "sphere", "box"])

@@ -47,6 +47,18 @@ def test_masses_and_limits_that_cannot_be(
     assert all(word in str(refused.value) for word in [name, *words]), refused.value
 
 
+@pytest.mark.parametrize(
+    ("axis", "words"),
+    [("0, 1 0", "xyz is '0, 1 0'; it is three numbers"), ("$(arg axis)", "a xacro, which must be expanded")],
+)
+def test_what_is_no_vector_is_told_by_the_joint(tmp_path: Path, axis: str, words: str) -> None:
+    path = tmp_path / "it.urdf"
+    path.write_text(URDF.format(mass="1", lower="-1").replace('xyz="0 1 0"', f'xyz="{axis}"'))
+    with pytest.raises(ModelError) as refused:
+        Model.load(path)
+    assert "joint 'shoulder'" in str(refused.value) and words in str(refused.value)
+
+
 @pytest.mark.parametrize(("name", "text", "moment"), [("it.urdf", URDF, 'ixx="'), ("it.sdf", SDF, "<ixx>")])
 def test_negative_moments_of_inertia(tmp_path: Path, name: str, text: str, moment: str) -> None:
     """Such as programs round zeros to are left alone."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from twin_diagram.model import Model
+from twin_diagram.model.description.parser_warnings import in_one_line
 
 ODD = """<mujoco model="it"><statistic extent="1"/><visual/><worldbody><body name="upper">
 <joint name="shoulder" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><site name="tip"/>
@@ -31,3 +32,18 @@ def test_it_is_said_once_in_one_line_or_all_of_it(
         (line,) = own
         assert not drake and str(path) in line and "\n" not in line
         assert "warnings more" in line and "--verbose" in line and len(line) < len(str(path)) + 260
+
+
+def test_what_is_said_of_paint_is_not_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    clear = (
+        "warning: Warning: In vtkGLTFDocumentLoaderInternals.cxx, line 1402: vtkGLTFDocumentLoader (0x55c729f0c110): "
+    )
+    with caplog.at_level(logging.WARNING, logger="twin_diagram"):
+        with in_one_line(tmp_path / "painted.urdf"):
+            logging.getLogger("drake").warning(clear + "glTF extension KHR_materials_clearcoat is used in this model")
+        assert not [record for record in caplog.records if record.name == "twin_diagram"]
+        with in_one_line(tmp_path / "painted.urdf"):
+            logging.getLogger("drake").warning(clear + "glTF extension KHR_materials_clearcoat is used in this model")
+            logging.getLogger("drake").warning("it.urdf:3: warning: something else")
+    (line,) = [record.getMessage() for record in caplog.records if record.name == "twin_diagram"]
+    assert "something else" in line and "warnings more" not in line

@@ -398,6 +398,21 @@ def test_what_fails_stops_the_arm_until_it_is_back(
     np.testing.assert_allclose(rig.command(), steady(6.0), atol=1e-9)
 
 
+@pytest.mark.parametrize("port", ["measurement_time", "message_time", "image_time"])
+def test_what_ceases_while_its_clock_is_ahead_of_a_slow_loop_stops_the_arm_at_once(
+    model: Model, twin: scenario.Twin, library: dict[str, Asset], port: str
+) -> None:
+    """The last message of an arm 2 s ahead was new for 2 s more."""
+    rig = Rig(model, twin, library, steady, **{port: lambda t: np.array([2.0 + min(t, 0.5)])})
+    rig.run(0.48)
+    assert rig.brakes() == [], "to be ahead is no fault"
+    rig.run(0.9)
+    (brake,) = rig.brakes()
+    assert brake["cause"] == ("stale_scene" if port == "image_time" else "stale_state")
+    bound = scenario.Camera().latency + 5 / scenario.Camera().rate if port == "image_time" else 0.03
+    assert brake["time"] <= 0.5 + bound + 0.021
+
+
 def test_a_heavy_load_takes_longer_to_stop(model: Model, twin: scenario.Twin, library: dict[str, Asset]) -> None:
     """An arm that reaches out sinks: without the 3 kg in its hand it would be asked for a third more than it has."""
     mass, com = 3.0, np.array([0.0, 0.0, 0.2])

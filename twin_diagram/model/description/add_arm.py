@@ -267,7 +267,7 @@ def _parsed(
     except (RuntimeError, ValueError) as error:
         if isinstance(error, ModelError):
             raise
-        said = _first_line(error)
+        said = impossible.with_owner(Path(spec.model), _first_line(error))
         unknown = re.search(r"unknown package '([^']+)'", said)
         advice = f"; {resources.name_package(unknown[1])}" if unknown else ""
         raise ModelError(f"{spec.model}: cannot be read: {said}{advice}") from error

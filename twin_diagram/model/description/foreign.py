@@ -2,8 +2,8 @@
 
 What is put right in a copy: meshes as STL, COLLADA or GLB, OBJ without normals, packages that lie above the
 description, motors or materials of one name, motors of joints that are not there, fixed joints that claim to follow
-another one, a name that lacks, MJCF's bodies without mass or with several joints; in what a .dmd.yaml names, too. What
-needs none of it is parsed as it is.
+another one, a name that lacks, shapes without volume, MJCF's bodies without mass or with several joints; in what a
+.dmd.yaml names, too. What needs none of it is parsed as it is.
 """
 
 from __future__ import annotations
@@ -57,6 +57,12 @@ _BARE_MATERIAL = re.compile(rb"""<material\b[^>]*?\bname\s*=\s*["']([^"']*)["'][
 """Of a URDF: the name of a material that is said elsewhere."""
 _FIXED = re.compile(rb"""<joint\b[^>]*\btype\s*=\s*["']fixed["'][^>]*(?<!/)>.*?</joint>""", re.DOTALL)
 """Of a URDF: a fixed joint."""
+_SHAPE = re.compile(rb"<(visual|collision)\b[^>]*(?<!/)>.*?</\1>", re.DOTALL)
+"""Of a URDF: a shape, seen or touched."""
+_EXTENT = re.compile(rb"""<(?:box|cylinder|capsule)\b([^>]*)>""")
+"""What says how large one is, of the kinds that Drake ends the program for where they have no volume."""
+_MEASURE = re.compile(rb"""\b(?:size|radius|length)\s*=\s*["']([^"']*)""")
+"""Of these: the numbers [m]."""
 _MIMIC = re.compile(rb"<mimic\b[^>]*/>")
 """What says that a joint follows another one."""
 
@@ -215,8 +221,21 @@ def _is_zero(number: bytes) -> bool:
         return False
 
 
+def _is_nothing(shape: bytes) -> bool:
+    """Return whether a URDF's shape has no volume: a placeholder, of which nothing is seen or touched."""
+    return any(
+        _is_zero(number)
+        for extent in _EXTENT.finditer(shape)
+        for measure in _MEASURE.finditer(extent[1])
+        for number in measure[1].split()
+    )
+
+
 def _urdf(text: bytes) -> bytes:
-    """Return a URDF with a name, in which no name means two things, or none, and no fixed joint follows another."""
+    """Return a URDF with a name and no shape without volume.
+
+    In it no name means two things, or none, and no fixed joint follows another.
+    """
     motors: set[bytes] = set()
     paints: dict[bytes, bytes] = {}
 
@@ -242,6 +261,7 @@ def _urdf(text: bytes) -> bytes:
     text = _TRANSMISSION.sub(own_motors, _MATERIAL.sub(own_paint, text))
     text = _BARE_MATERIAL.sub(lambda match: match[0] if match[1] in paints else b"", text)
     text = _ROBOT.sub(b'<robot name="robot"', text, count=1)
+    text = _SHAPE.sub(lambda shape: b"\n" * shape[0].count(b"\n") if _is_nothing(shape[0]) else shape[0], text)
     return _FIXED.sub(lambda joint: _MIMIC.sub(b"", joint[0]), text)
 
 

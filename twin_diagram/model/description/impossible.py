@@ -33,6 +33,8 @@ _SAVE = 'give its <compiler> saveinertial="true", load it in MuJoCo, save it by 
 
 _COMMA = re.compile(r"[-+]?\d*,\d+")
 """A number as exporters write it where their system's language has decimal commas."""
+_VECTOR = re.compile(r"Expected 3 values for attribute (\w+) got (.*)", re.DOTALL)
+"""What Drake's parser says of a URDF's, without saying whose."""
 _NO_NUMBERS = frozenset({"name", "filename", "file", "uri", "link", "parent", "child"})
 """Attributes and elements whose words may look like one."""
 
@@ -65,6 +67,24 @@ def refuse_impossible(path: Path) -> None:
             raise ModelError(
                 f"{path}: joint {_name(joint)!r}: its lower limit {low:g} lies above its upper one {high:g}"
             )
+
+
+def with_owner(path: Path, said: str) -> str:
+    """Return what Drake's parser says of a description, with the link or joint where it is of a vector and names none.
+
+    Args:
+        path: of the description.
+        said: by the parser.
+    """
+    found = _VECTOR.fullmatch(said)
+    if found is None or path.suffix.lower() != ".urdf":
+        return said
+    key, text = found.groups()
+    parts = [part for part in unparsed.tree(path) if part.tag in ("link", "joint")]
+    owners = (part for part in parts if any(each.get(key, "").split() == text.split() for each in part.iter()))
+    whose = next((f"{part.tag} {_name(part)!r}: " for part in owners), "")
+    left = "; $(…) is left of a xacro, which must be expanded" if "$(" in text else ""
+    return f"{whose}{key} is {text!r}; it is three numbers with blanks between them{left}"
 
 
 def _refuse_unread(path: Path, root: Element) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, ModelInstanceIndex
+from pydrake.multibody.tree import Joint, JointIndex, ModelInstanceIndex
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.unparsed import Following
@@ -38,6 +38,28 @@ def from_the_base(joints: list[Joint], every: Sequence[Joint]) -> list[Joint]:
     if sorted(depths) != list(range(len(joints))):
         return joints
     return [joints[k] for k in np.argsort(depths)]
+
+
+def unbranched(plant: MultibodyPlant, joints: Sequence[JointIndex]) -> list[list[str]]:
+    """Return the names of joints in runs in which each carries the next one and no other, the longest first.
+
+    Args:
+        plant: that holds them.
+        joints: of a robot; what is fixed, or not among them, parts no run.
+    """
+    above = carriers([plant.get_joint(index) for index in plant.GetJointIndices()])
+    own = {int(index): plant.get_joint(index) for index in joints}
+    carrier = {k: next((c for j in above(joint) if (c := int(j.index())) in own), -1) for k, joint in own.items()}
+    carried = {k: [other for other, by in carrier.items() if by == k] for k in own}
+    runs = []
+    for k, by in carrier.items():
+        if by >= 0 and len(carried[by]) == 1:
+            continue
+        run = [k]
+        while len(carried[run[-1]]) == 1:
+            run += carried[run[-1]]
+        runs.append([own[each].name() for each in run])
+    return sorted(runs, key=len, reverse=True)
 
 
 def refuse_loops(path: str, every: Sequence[Joint]) -> None:

@@ -29,16 +29,16 @@ def anchored(text: bytes, description: Path, prefix: bytes = b"") -> bytes:
         description: the file that it is from.
         prefix: of absolute paths: `file://` where the text itself is parsed, and in directives.
     """
+    # What is not there is named, too, where it is read: a text has no folder, and Drake looks in the user's.
+    named = bool(prefix) or not _FOLDER.search(text)
 
     def file(match: re.Match[bytes]) -> bytes:
         path = description.parent / os.fsdecode(match[2])
-        # What is not there is named, too, where it is read: Drake says of a bare path that a string has no folder.
-        relative = b"://" not in match[2] and (path.is_file() or bool(prefix))
+        relative = b"://" not in match[2] and (path.is_file() or named)
         return match[1] + prefix + os.fsencode(path.resolve()) if relative else match[0]
 
     def folder(match: re.Match[bytes]) -> bytes:
-        path = description.parent / os.fsdecode(match[2])
-        return match[1] + os.fsencode(path.resolve()) if path.is_dir() else match[0]
+        return match[1] + os.fsencode((description.parent / os.fsdecode(match[2])).resolve())
 
     def in_package(match: re.Match[bytes]) -> bytes:
         package = package_above(description, os.fsdecode(match[1]), os.fsdecode(match[2]))

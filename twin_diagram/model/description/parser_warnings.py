@@ -15,6 +15,9 @@ _PLACE = re.compile(r"^.*?:\d+: warning: ")
 _MOVES = re.compile(r"'(?:gravcomp|tendon|boundmass|boundinertia|density|viscosity)'")
 """In what is said of an MJCF: what other torques come of."""
 
+_PAINT = re.compile(r"\bvtk\w+ \(0x")
+"""In what VTK says of a mesh's colours, with an address in memory: nothing moves by them."""
+
 _told: set[Path] = set()
 """Files of which it was said: a description is read for each plant that it goes into."""
 
@@ -32,7 +35,7 @@ def in_one_line(path: Path) -> Iterator[None]:
     def gather(record: logging.LogRecord) -> bool:
         if own.isEnabledFor(logging.DEBUG):
             return True
-        if record.levelno == logging.WARNING:
+        if record.levelno == logging.WARNING and not _PAINT.search(record.getMessage()):
             heard.append(_PLACE.sub("", record.getMessage(), count=1))
         return record.levelno > logging.WARNING
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cache
 from typing import Any, Final
@@ -18,6 +18,8 @@ NOTE_FIELDS: Final = 7
 """Of what is told: time [s], whether it is a brake, `Cause`, link, body, distance [m], speed [rad/s]."""
 RING: Final = 32
 """So many of the newest are kept."""
+STAMPS: Final = 4
+"""So many times are watched: of the arm's message, of a usable one, of an image, of a plan."""
 
 
 class BrakeMode(IntEnum):
@@ -70,6 +72,8 @@ class BrakeState:
         brakes: how many there were.
         braked: how long in all that are over [s].
         notes: (RING · NOTE_FIELDS) newest last.
+        stamps: (STAMPS) newest times that were told [s]; infinite where nobody tells.
+        came: (STAMPS) when these were first seen [s].
     """
 
     mode: float
@@ -92,6 +96,8 @@ class BrakeState:
     brakes: float = 0.0
     braked: float = 0.0
     notes: Array = field(default_factory=lambda: np.tile([NEVER, *[0.0] * (NOTE_FIELDS - 1)], RING))
+    stamps: Array = field(default_factory=lambda: np.full(STAMPS, NEVER))
+    came: Array = field(default_factory=lambda: np.full(STAMPS, NEVER))
 
     @staticmethod
     def initial(q: Array) -> BrakeState:
@@ -110,6 +116,18 @@ class BrakeState:
     def rejoin(self) -> Rejoin:
         """How the plan is joined again."""
         return Rejoin(self.rejoin_start, self.rejoin_time, self.rejoin_offset, self.rejoin_rate)
+
+    def hearing(self, now: float, stamps: Array) -> BrakeState:
+        """Return the state once `stamps` (STAMPS) are told at `now` [s]."""
+        return replace(self, stamps=stamps, came=np.where(stamps == self.stamps, self.came, now))
+
+    @property
+    def newest(self) -> Array:
+        """How new what was told is, (STAMPS) [s].
+
+        No newer than when it came: what an arm ahead of a slow loop said last would be new until the loop is there.
+        """
+        return np.where(np.isinf(self.stamps), np.inf, np.minimum(self.stamps, self.came))
 
     def noting(self, *row: float) -> Array:
         """Return `notes` with one more."""
@@ -138,7 +156,8 @@ def _parts(n: int) -> tuple[int | slice, ...]:
     parts: list[int | slice] = []
     at = 0
     for each in fields(BrakeState):
-        size = 1 if each.type == "float" else RING * NOTE_FIELDS if each.name == "notes" else n
+        own = {"notes": RING * NOTE_FIELDS, "stamps": STAMPS, "came": STAMPS}
+        size = 1 if each.type == "float" else own.get(each.name, n)
         parts.append(at if each.type == "float" else slice(at, at + size))
         at += size
     return tuple(parts)

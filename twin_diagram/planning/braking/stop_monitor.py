@@ -144,7 +144,12 @@ class StopMonitor(ModelUser[Model]):
             Cause.HANGING_PLANNER: self._params.plan_periods / twin.planner.rate,
         }
         self._period: Final = 1.0 / self._params.rate
-        self._filter_period: Final = 1.0 / twin.filter.rate
+        self._watched: Final = (
+            ("measurement_time", Cause.STALE_STATE, 0.0),
+            ("message_time", Cause.STALE_STATE, 1.0 / twin.filter.rate),
+            ("image_time", Cause.STALE_SCENE, 0.0),
+            ("plan_time", Cause.HANGING_PLANNER, 0.0),
+        )
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(self._n)
         self._carried: Final = LearnedPayload.among(parameter_names)
         self._chain: Final = chain_of(model)
@@ -273,7 +278,9 @@ class StopMonitor(ModelUser[Model]):
         turn = np.zeros(self._n)
         if passed > 0.0:
             turn = np.clip((asked_rate - state.asked_rate) / passed, -self._acceleration, self._acceleration)
-        cause = self._cause(context, now, state.began, arm, asked, torque, held)
+        stamps = (self._value(context, name) for name, *_ in self._watched)
+        state = state.hearing(now, np.array([np.inf if stamp is None else stamp[0] for stamp in stamps]))
+        cause = self._cause(state, now, arm, asked, torque, held)
         state = replace(state, looked=now, command=command, rate=rate, asked=counts, asked_rate=asked_rate)
         if torque is not None and np.isfinite(torque).all():
             state = replace(state, torque=torque)
@@ -284,24 +291,16 @@ class StopMonitor(ModelUser[Model]):
         discrete.set_value(cast(Any, after.pack()))
 
     def _cause(
-        self, context: Context, now: float, began: float, arm: Array, asked: Array, torque: Array | None, held: bool
+        self, state: BrakeState, now: float, arm: Array, asked: Array, torque: Array | None, held: bool
     ) -> Cause:
         """Return what stands against any motion, whatever is near."""
-        if not (np.isfinite(arm).all() and np.isfinite(asked).all()) or (
-            torque is not None and not np.isfinite(torque).all()
-        ):
+        if not all(np.isfinite(values).all() for values in (arm, asked, torque) if values is not None):
             return Cause.NOT_A_NUMBER
-        for cause, name, later in (
-            (Cause.STALE_STATE, "measurement_time", 0.0),
-            (Cause.STALE_STATE, "message_time", self._filter_period),
-            (Cause.STALE_SCENE, "image_time", 0.0),
-            (Cause.HANGING_PLANNER, "plan_time", 0.0),
-        ):
-            time = self._value(context, name)
-            if time is None or (cause is Cause.HANGING_PLANNER and time[0] < 0.0):
+        for (_, cause, later), time in zip(self._watched, state.newest.tolist(), strict=True):
+            if cause is Cause.HANGING_PLANNER and time < 0.0:
                 continue
             # What has not come yet is waited for from the arm's first message on: a clock may begin at any time.
-            if not now - max(float(time[0]), began) <= self._patience[cause] + later + 1e-9:
+            if not now - max(time, state.began) <= self._patience[cause] + later + 1e-9:
                 return cause
         return Cause.JUMP if held else Cause.NONE
 

@@ -14,6 +14,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex, JointIndex, PrismaticJoint, RevoluteJoint
 
 from twin_diagram.errors import ModelError
+from twin_diagram.model.description import joint_tree
 from twin_diagram.signals.arrays import Array, Ints
 
 
@@ -25,6 +26,18 @@ def drawn_range(lower: Array, upper: Array) -> tuple[Array, Array]:
     beyond = np.maximum(lower, -np.pi) > np.minimum(upper, np.pi)
     middle = np.where(beyond, np.clip(0.0, lower, upper), 0.0)
     return np.maximum(lower, middle - np.pi), np.minimum(upper, middle + np.pi)
+
+
+def _no_chain(joint: str, runs: Sequence[Sequence[str]]) -> str:
+    """Return what is wrong where a joint does not follow the one before it, with what could be named instead."""
+    first, *others = [run for run in runs if len(run) > 1] or [[]]
+    names = f" {' '.join(first)}" if first else ""
+    also = ", ".join(f"{run[0]} to {run[-1]}" for run in others[:3])
+    return (
+        f"joint {joint!r} does not follow the joint before it: the arm must be a serial chain; name those of one, "
+        f"from its base (--joints{names}; twin.arm.joints and world.arm.joints of a scenario)"
+        + (f"; others are {also}" if also else "")
+    )
 
 
 @dataclass(frozen=True)
@@ -96,10 +109,7 @@ class Chain:
             joint = plant.get_joint(index)
             name = joint.name()
             if depth[int(joint.child_body().index())] != k + 1 or depth[int(joint.parent_body().index())] != k:
-                raise ModelError(
-                    f"joint {name!r} does not follow the joint before it: the arm must be a serial chain; "
-                    "name those of one, from its base (--joints; twin.arm.joints and world.arm.joints of a scenario)"
-                )
+                raise ModelError(_no_chain(name, joint_tree.unbranched(plant, joints)))
             X_WF = joint.frame_on_parent().CalcPoseInWorld(context).GetAsMatrix4()
             X_WL = plant.EvalBodyPoseInWorld(context, joint.child_body()).GetAsMatrix4()
             X_PF = np.linalg.solve(X_WP, X_WF)
