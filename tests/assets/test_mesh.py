@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin_diagram.assets.mesh import Mesh, bilinear, encode_png, read_obj, read_png, sample
+from twin_diagram.assets.mesh import Mesh, bilinear, encode_png, parse_obj, read_obj, read_png, sample, write_obj
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
 
@@ -59,6 +59,38 @@ def test_remarks_may_follow_numbers(tmp_path: Path) -> None:
     said = written(tmp_path, SQUARE.replace("\n", " # a corner\n") + "vt 0 0 # of all\nf 1/1 2/1 3/1 4/1 #5\n")
     plain = written(tmp_path, SQUARE + "vt 0 0\nf 1/1 2/1 3/1 4/1\n")
     np.testing.assert_array_equal(said.vertices[said.faces], plain.vertices[plain.faces])
+
+
+def test_a_corner_counted_back_is_another_one_further_on(tmp_path: Path) -> None:
+    lines = "v {0} 0 0\nv {0} 1 0\nv {0} 0 1\nvt 0 {0}\n"
+    text = (
+        lines.format(0)
+        + "f -3/-1 -2/-1 -1/-1\nf 1/1 2/1 3/1\n"
+        + lines.format(1)
+        + "f -3/-1 -2/-1 -1/1\nf 1/1 5/2 3/1\n"
+    )
+    (tmp_path / "back.obj").write_text(text)
+    corners = parse_obj(tmp_path / "back.obj").corners
+    assert corners[..., 0].tolist() == [[0, 1, 2], [0, 1, 2], [3, 4, 5], [0, 4, 2]]
+    assert corners[..., 1].tolist() == [[0, 0, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0]] and (corners[..., 2] == -1).all()
+
+
+def test_a_long_file_is_written_as_line_by_line(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    vertices, normals = rng.normal(size=(2, 10_007, 3)) * 10.0 ** rng.integers(-9, 6, (2, 10_007, 1))
+    faces = rng.integers(0, len(vertices), (20_011, 3))
+    write_obj(
+        Mesh(vertices, normals, uv := rng.random((len(vertices), 2)), faces),
+        tmp_path / "long.obj",
+        np.zeros((2, 2, 3), np.uint8),
+    )
+    lines = ["mtllib long.mtl", "usemtl surface"]
+    lines += ["v {:.6g} {:.6g} {:.6g}".format(*row) for row in vertices] + [
+        "vt {:.6g} {:.6g}".format(*row) for row in uv
+    ]
+    lines += ["vn {:.5g} {:.5g} {:.5g}".format(*row) for row in normals]
+    lines += ["f {0}/{0}/{0} {1}/{1}/{1} {2}/{2}/{2}".format(*row) for row in faces + 1]
+    assert (tmp_path / "long.obj").read_text().splitlines() == lines
 
 
 def test_missing_normals_lean_to_the_larger_triangle(tmp_path: Path) -> None:

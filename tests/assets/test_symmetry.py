@@ -38,6 +38,9 @@ def cup() -> trimesh.Trimesh:
         (HEXAGON, ("x 2", "y 2", "z 6")),
         (trimesh.creation.icosphere(4, 0.05), ("x any", "y any", "z any")),
         (cup(), ("x 2",)),
+        (trimesh.creation.box((0.2, 0.15, 0.0002)), ("x 2", "y 2", "z 2")),
+        (trimesh.creation.box((0.2, 0.2, 0.001)), ("x 2", "y 2", "z 4")),
+        (trimesh.creation.cylinder(0.1, 0.001, sections=96), ("x 2", "y 2", "z any")),
     ],
 )
 def test_shapes_repeat_themselves_as_they_do(mesh: trimesh.Trimesh, expected: tuple[str, ...]) -> None:

@@ -94,7 +94,7 @@ def _built(arguments: argparse.Namespace) -> BuiltAsset:
         return build_from_predictions(source, name, library, arguments.cube_edge, mass, density, masks, again, say)
     if masks is not None:
         raise AssetError(f"--masks {masks}: masks are of frames; {source} is a mesh")
-    return build_from_mesh(source, name, library, mass, density, arguments.unit, again, arguments.root)
+    return build_from_mesh(source, name, library, mass, density, arguments.unit, again, arguments.root, say)
 
 
 def _size(lengths: Iterable[float]) -> str:

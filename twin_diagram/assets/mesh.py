@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -70,12 +70,18 @@ def write_obj(mesh: Mesh, path: Path, texture: Image) -> None:
     atomic_file.write(path.with_suffix(".png"), encode_png(texture))
     material = f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {stem}.png\n"
     atomic_file.write(path.with_suffix(".mtl"), material.encode())
-    lines = [f"mtllib {stem}.mtl", "usemtl surface"]
-    lines += ["v {:.6g} {:.6g} {:.6g}".format(*row) for row in mesh.vertices]
-    lines += ["vt {:.6g} {:.6g}".format(*row) for row in mesh.uv]
-    lines += ["vn {:.5g} {:.5g} {:.5g}".format(*row) for row in mesh.normals]
-    lines += ["f {0}/{0}/{0} {1}/{1}/{1} {2}/{2}/{2}".format(*row) for row in mesh.faces + 1]
-    atomic_file.write(path, ("\n".join(lines) + "\n").encode())
+    lines = [f"mtllib {stem}.mtl\nusemtl surface\n"]
+    lines += _rows("v %.6g %.6g %.6g\n", mesh.vertices)
+    lines += _rows("vt %.6g %.6g\n", mesh.uv)
+    lines += _rows("vn %.5g %.5g %.5g\n", mesh.normals)
+    lines += _rows("f %d/%d/%d %d/%d/%d %d/%d/%d\n", np.repeat(mesh.faces + 1, 3, axis=1))
+    atomic_file.write(path, "".join(lines).encode())
+
+
+def _rows(line: str, values: npt.NDArray[Any], at_once: int = 10_000) -> list[str]:
+    """Return the rows of values (N, k), each as that line, so many in a text: one by one they take thrice as long."""
+    parts = (values[start : start + at_once] for start in range(0, len(values), at_once))
+    return [line * len(part) % tuple(part.reshape(-1).tolist()) for part in parts]
 
 
 def read_obj(path: Path) -> Mesh:
@@ -134,7 +140,9 @@ def parse_obj(path: Path) -> ObjText:
         AssetError: no triangles, indices out of range, or values that are not finite.
     """
     raw: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
-    corners: list[tuple[int, int, int]] = []
+    corners: list[int] = []  # their numbers among `told`: a corner is named by six triangles or so
+    told: list[tuple[int, int, int]] = []
+    known: dict[str, int] = {}
     materials, libraries, material = [], [], ""
     try:
         # Numbers are ASCII; names and remarks may have any other encoding.
@@ -145,7 +153,13 @@ def parse_obj(path: Path) -> ObjText:
             if key in raw:
                 raw[key].append([float(x) for x in rest])
             elif key == "f":
-                fan = [_corner(item, raw) for item in rest]
+                if "-" in line:  # counted back from what is read so far, which is another corner further on
+                    known = {}
+                for item in rest:
+                    if item not in known:
+                        known[item] = len(told)
+                        told.append(_corner(item, raw))
+                fan = [known[item] for item in rest]
                 corners += [fan[k] for i in range(1, len(fan) - 1) for k in (0, i, i + 1)]
                 materials += [material] * max(len(fan) - 2, 0)
             elif key == "usemtl":
@@ -162,7 +176,7 @@ def parse_obj(path: Path) -> ObjText:
         if short is not None:
             raise AssetError(f"{path}: not a readable OBJ file (a line {key!r} has only {len(short)} numbers)")
     v, vt, vn = (np.array([row[:n] for row in raw[key]], dtype=float).reshape(-1, n) for key, n in columns.items())
-    every = np.array(corners)
+    every = np.array(told)[corners]
     if (every >= [len(v), len(vt), len(vn)]).any() or every[:, 0].min() < 0 or not np.isfinite(v).all():
         raise AssetError(f"{path}: a face names a vertex that is not there, or a vertex is not finite")
     colours = None

@@ -86,6 +86,9 @@ class _Cloud:
     def __init__(self, points: Array, normals: Array, colours: Array):
         self._points, self._normals, self._colours = points, normals, colours
         self._tree = cKDTree(points)
+        k = min(TUNING.neighbours, len(points))
+        # Of places on the surface that are drawn at random, one of 400 has none of the cloud so near (exp(−6)).
+        self._spacing = self._tree.query(points, k=[k], workers=1)[0][:, 0]
         every = max(1, len(points) // TUNING.points)
         self._some, self._ways = points[::every], normals[::every]
         self._own = self.near(self._some)
@@ -107,11 +110,13 @@ class _Cloud:
         """Return whether the surface, turned by `share` (3,) of whole turns, lies on itself, in its colours."""
         turn = rotations.matrix(rotations.exp(2.0 * np.pi * share))
         places, ways = self._some @ turn.T, self._ways @ turn.T
-        _, index = self._tree.query(places, k=min(TUNING.neighbours, len(self._points)), workers=1)
+        distance, index = self._tree.query(places, k=min(TUNING.neighbours, len(self._points)), workers=1)
         normal = self._normals[index]
         off = np.abs(np.einsum("nki,nki->nk", normal, places[:, None] - self._points[index]))
         # About an edge the very nearest point may be of the other side.
         there = ((off < self._slack) & (np.einsum("nki,ni->nk", normal, ways) > TUNING.facing)).any(axis=1)
+        # Beside the edge of a sheet all is in its plane: there a turned card would lie on itself, whatever its outline.
+        there &= distance[:, 0] < self._spacing[index[:, 0]] + self._slack
         unlike = np.linalg.norm(self._colours[index].mean(axis=1) - self._own, axis=1) / np.sqrt(3.0)
         good = there & (unlike < TUNING.colour)
         return bool(good.mean() >= TUNING.share)

@@ -24,7 +24,7 @@ from tests.assets.building.made_meshes import box, box_inertia, corner, write_co
 from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import cli, scenario
 from twin_diagram.assets import Asset
-from twin_diagram.assets.building import build_from_mesh, source_mesh, write_asset
+from twin_diagram.assets.building import build_from_mesh, from_mesh, source_mesh, write_asset
 from twin_diagram.assets.building.source_mesh import read_source
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import read_obj, read_png
@@ -267,6 +267,17 @@ def test_it_stands_where_it_is_put(tmp_path: Path) -> None:
         angle = np.sort(np.arctan2(*feet[np.abs(feet[:, 2] - z) < 1e-6, :2].T))
         assert len(angle) >= 8 and np.diff(angle, append=angle[0] + 2 * np.pi).max() < 1.2
     assert len(write_asset.feet(np.array(box(0.1, 0.06, 0.003).vertices))) == 0
+
+
+def test_each_step_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = write_stl(tmp_path / "box.stl", box(0.1, 0.06, 0.04))
+    for slow, first in ((12, []), (11, ["box.stl: 12 triangles read"])):
+        monkeypatch.setattr(from_mesh, "TUNING", replace(from_mesh.TUNING, slow=slow))
+        given = ["assets", "build", str(mesh), "--name", "box", "--library", str(tmp_path / "lib"), "--replace"]
+        assert cli.main(given) == 0
+        told = [line for line in capfd.readouterr().err.splitlines() if not line.startswith("note: ")]
+        vertices = "8 vertices, 240 cm³; looking for convex pieces that hold it"
+        assert told == [*first, vertices, "writing it and reading it back"]
 
 
 def test_one_build_is_like_another(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from tests.assets.building.made_meshes import box, surface_of
-from twin_diagram.assets.building.surface import signed_volume, weld, with_normals
+from twin_diagram.assets.building.surface import edge_pairs, signed_volume, weld, with_normals
 
 
 def test_normals_of_a_box_are_those_of_its_sides_and_carry_their_corners_texture() -> None:
@@ -72,3 +72,28 @@ def test_a_body_beside_others_faces_outwards_and_a_cavity_inwards() -> None:
         surface = weld(mixed)
         volumes.append(signed_volume(surface.vertices, surface.faces) - 0.06**3)
     np.testing.assert_allclose(volumes, 0.1**3 + 0.05**3 - 0.06**3)
+
+
+def test_edges_of_two_triangles_are_paired_and_those_of_more_are_not() -> None:
+    faces = np.random.default_rng(4).integers(0, 40, (300, 3))
+    owners: dict[tuple[int, int], list[int]] = {}
+    for k in range(3):  # all first edges, then all second ones
+        for face, corners in enumerate(faces):
+            a, b = sorted((int(corners[k]), int(corners[(k + 1) % 3])))
+            owners.setdefault((a, b), []).append(face)
+    expected = [tuple(found) for _, found in sorted(owners.items()) if len(found) == 2]
+    assert len(expected) > 50 and any(len(found) > 2 for found in owners.values())
+    assert list(zip(*(array.tolist() for array in edge_pairs(faces)), strict=True)) == expected
+
+
+def test_a_vertex_is_there_once_for_each_normal_and_texture_coordinate() -> None:
+    rng = np.random.default_rng(5)
+    surface = surface_of(trimesh.creation.cylinder(0.03, 0.1, sections=20))
+    uv = np.round(rng.random((len(surface.faces), 3, 2)), 1)
+    made = with_normals(surface, uv)
+    rows = np.concatenate([made.vertices, made.normals, made.uv], axis=1)
+    np.testing.assert_array_equal(np.unique(rows, axis=0), rows)
+    np.testing.assert_array_equal(made.vertices[made.faces], surface.vertices[surface.faces])
+    np.testing.assert_array_equal(made.uv[made.faces], uv)
+    sides = np.cross(*np.diff(made.vertices[made.faces], axis=1).swapaxes(0, 1))
+    assert (np.einsum("fki,fi->fk", made.normals[made.faces], sides) > 0).all()

@@ -47,6 +47,9 @@ class Tuning:
     density: float = 1000.0
     """Where neither mass nor density is told [kg/m³]: water's."""
 
+    slow: int = 100_000
+    """Triangles from which it is told that they are read: what comes then takes seconds."""
+
     densest: float = 22_600.0
     """Osmium's [kg/m³]: above it, something was told in another unit."""
 
@@ -75,6 +78,7 @@ def build_from_mesh(
     unit: str = "m",
     replace_it: bool = False,
     root: str | Path | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> BuiltAsset:
     """Make an asset of a mesh and put it into a library.
 
@@ -89,6 +93,7 @@ def build_from_mesh(
         unit: of the mesh: m, cm, mm, in.
         replace_it: write an asset of that name anew.
         root: the folder within which the mesh may name files, such as holds `meshes/` and `textures/`; None: its own.
+        say: is told of each step.
 
     Raises:
         AssetError: anything that cannot be used; nothing is written.
@@ -103,9 +108,14 @@ def build_from_mesh(
     if path.suffix.lower() in (".glb", ".gltf"):
         corners = z_up(corners)
     check_size(path, corners, unit)
+    if len(corners) > TUNING.slow:
+        say(f"{path.name}: {len(corners)} triangles read")
     uv, texture = _named(path, lambda: one_texture(source.parts))
     told = AssetPlace(name, library, mass, density, replace_it)
-    return _named(path, lambda: build_from_triangles(corners, uv, texture, told, path.name, unit, notes=source.notes))
+    return _named(
+        path,
+        lambda: build_from_triangles(corners, uv, texture, told, path.name, unit, notes=source.notes, say=say),
+    )
 
 
 @dataclass(frozen=True)
@@ -135,6 +145,7 @@ def build_from_triangles(
     notes: Sequence[str] = (),
     errors: ShapeErrors | None = None,
     hollow: Hollow | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> BuiltAsset:
     """Make an asset of triangles: weld, weigh, take apart, write.
 
@@ -149,19 +160,20 @@ def build_from_triangles(
         notes: for people.
         errors: of volume, centre and moments by its shape, where they are known.
         hollow: what within the triangles may be empty: volume, centre and moments are those of the mean.
+        say: is told of each step.
 
     Raises:
         AssetError: triangles without an area; or as of `write_asset`.
     """
-    surface = weld(corners)
-    if not len(surface.faces):
-        raise AssetError("the mesh has no faces (triangles) with an area")
+    surface = _welded(corners)
     within = solid_of(surface)
     solid = within if hollow is None else less(within, hollow)
     measured = told.measured
     centre = solid.centre if measured is None else np.asarray(measured.centre)
     surface = replace(surface, vertices=surface.vertices - centre)
+    say(f"{len(surface.vertices)} vertices, {solid.volume * 1e6:.4g} cm³; looking for convex pieces that hold it")
     pieces = _pieces(surface, within)
+    say("writing it and reading it back")
     said = [*notes, *_volume_notes(surface, within), f"held by {pieces.how}"]
     mass = _mass(told, solid, said)
     new = NewAsset(
@@ -180,9 +192,16 @@ def build_from_triangles(
         measured=None if measured is None else replace(measured, centre=np.zeros(3)),
     )
     folder = write_asset(new, told.library, told.replace_it)
-    if symmetries := read_spec(folder).symmetries:
-        said.append(f"looks the same turned: {', '.join(symmetries)} (asset.yaml: symmetries)")
+    said += _symmetry_notes(read_spec(folder).symmetries or ())
     return BuiltAsset(folder, mass, solid.volume, np.ptp(surface.vertices, axis=0), tuple(said))
+
+
+def _welded(corners: Array) -> Surface:
+    """Return triangles (F, 3, 3) welded; refuse such of which none has an area."""
+    surface = weld(corners)
+    if not len(surface.faces):
+        raise AssetError("the mesh has no faces (triangles) with an area")
+    return surface
 
 
 def _pieces(surface: Surface, solid: EvenBody) -> Pieces:
@@ -246,3 +265,7 @@ def _volume_notes(surface: Surface, solid: EvenBody) -> list[str]:
     how = "its convex hull" if solid.by == "hull" else "filling it, small holes closed"
     why = "bodies in it overlap" if surface.closed else "not watertight"
     return [f"{why}: volume {solid.volume * 1e6:.4g} cm³, centre and inertia are by {how}"]
+
+
+def _symmetry_notes(symmetries: Sequence[str]) -> list[str]:
+    return [f"looks the same turned: {', '.join(symmetries)} (asset.yaml: symmetries)"] if symmetries else []

@@ -74,5 +74,5 @@ def decoded(data: bytes, name: str) -> Image:
     """
     bgr = image_of(data, cv2.IMREAD_COLOR)
     if bgr is None:
-        raise AssetError(f"{name}: not an image that can be read")
+        raise AssetError(f"{name}: not an image that can be read; save it as PNG or JPEG")
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)

@@ -19,6 +19,7 @@ from twin_diagram.assets.building.mesh_parts import TUNING as PARTS
 from twin_diagram.assets.building.mesh_parts import Part, grey
 from twin_diagram.assets.building.named_files import Beside, decoded
 from twin_diagram.assets.building.obj_materials import Material, materials_of
+from twin_diagram.assets.building.other_content import other_content
 from twin_diagram.assets.mesh import Image, ObjText, parse_obj
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
@@ -69,6 +70,8 @@ def read_source(path: Path, *, looks: bool = True, root: Path | None = None) -> 
         raise AssetError(f"{path}: not a kind of mesh that is read; these are: {', '.join(sorted(readers))}")
     if not path.is_file():
         raise AssetError(f"{path}: no such mesh")
+    if held := other_content(path.read_bytes(), path.suffix.lower()):
+        raise AssetError(f"{path}: {held}")
     beside = Beside(path, root, looks)
     parts = readers[path.suffix.lower()](path, beside, looks)
     for part in parts:

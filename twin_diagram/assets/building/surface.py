@@ -96,17 +96,19 @@ def signed_volume(vertices: Array, faces: Faces) -> float:
 def _edges(faces: Faces) -> tuple[Faces, npt.NDArray[np.bool_], Faces]:
     """Return the triangles' edges, lower vertex first (3F, 2); whether they run upwards; and whose they are."""
     directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    return np.sort(directed, axis=1), directed[:, 0] < directed[:, 1], np.tile(np.arange(len(faces)), 3)
+    upwards = directed[:, 0] < directed[:, 1]
+    return np.where(upwards[:, None], directed, directed[:, ::-1]), upwards, np.tile(np.arange(len(faces)), 3)
 
 
 def _pairs(faces: Faces) -> tuple[Faces, Faces, npt.NDArray[np.bool_]]:
     """Return the two triangles at each edge that has exactly two, and whether they run through it in opposite ways."""
     edges, upwards, owner = _edges(faces)
     numbers = edges[:, 0] * (int(edges.max(initial=0)) + 1) + edges[:, 1]
-    _, inverse, count = np.unique(numbers, return_inverse=True, return_counts=True)
-    order = np.argsort(inverse.reshape(-1), kind="stable")
-    order = order[count[inverse.reshape(-1)[order]] == 2]
-    first, second = order[::2], order[1::2]
+    order = np.argsort(numbers)
+    same = np.diff(numbers[order], prepend=-1, append=-1) == 0  # as the one before it
+    at = np.flatnonzero(same[1:-1] & ~same[:-2] & ~same[2:])
+    # Which of two that are the same comes first is chance: the one that was given first.
+    first, second = np.sort([order[at], order[at + 1]], axis=0)
     return owner[first], owner[second], upwards[first] != upwards[second]
 
 
@@ -200,16 +202,40 @@ def with_normals(surface: Surface, uv: Array) -> Mesh:
     smooth = np.einsum("ei,ei->e", unit[one], unit[two]) > np.cos(np.deg2rad(TUNING.crease))
     graph = coo_matrix((np.ones(int(smooth.sum())), (one[smooth], two[smooth])), shape=(len(faces), len(faces)))
     group = connected_components(graph, directed=False)[1]
-    keys = np.stack([np.repeat(group, 3), faces.reshape(-1)], axis=1)
-    _, which = np.unique(keys, axis=0, return_inverse=True)
-    summed = np.zeros((int(which.max()) + 1, 3))
-    np.add.at(summed, which.reshape(-1), (_angles(corners)[:, :, None] * unit[:, None]).reshape(-1, 3))
-    length = np.linalg.norm(summed, axis=1, keepdims=True)
-    normals = (summed / np.maximum(length, 1e-300))[which.reshape(-1)]
-    normals = np.where(length[which.reshape(-1)] > 0, normals, np.repeat(unit, 3, axis=0))
-    rows = np.concatenate([vertices[faces.reshape(-1)], normals, uv.reshape(-1, 2)], axis=1)
-    unique, index = np.unique(rows, axis=0, return_inverse=True)
-    return Mesh(unique[:, :3], unique[:, 3:6], unique[:, 6:], index.reshape(-1, 3))
+    keys = np.repeat(group, 3).astype(np.int64) * len(vertices) + faces.reshape(-1)
+    found, which = np.unique(keys, return_inverse=True)
+    turned = (_angles(corners)[:, :, None] * unit[:, None]).reshape(-1, 3)
+    summed = np.stack([np.bincount(which, turned[:, k]) for k in range(3)], axis=1)
+    length = np.linalg.norm(summed, axis=1)
+    none = np.flatnonzero(length[which] == 0.0)  # corners that have their triangle's own normal
+    which[none] = len(found) + np.arange(len(none))
+    places = vertices[np.concatenate([found % len(vertices), faces.reshape(-1)[none]])]
+    normals = np.concatenate([summed / np.maximum(length, 1e-300)[:, None], unit[none // 3]])
+    return _shared(np.concatenate([places, normals], axis=1), which, uv.reshape(-1, 2))
+
+
+def _shared(points: Array, which: Faces, uv: Array) -> Mesh:
+    """Return the mesh of which each vertex, with its normal and texture coordinates, is there once.
+
+    Args:
+        points: (N, 6) places and normals.
+        which: (3F,) of them each corner of the triangles has.
+        uv: (3F, 2) of the corners.
+    """
+    rank, _ = _ranked(points)
+    rank_uv, count = _ranked(uv)
+    _, first, index = np.unique(rank[which] * count + rank_uv, return_index=True, return_inverse=True)
+    own = points[which[first]]
+    return Mesh(own[:, :3], own[:, 3:], uv[first], index.reshape(-1, 3))
+
+
+def _ranked(rows: Array) -> tuple[Faces, int]:
+    """Return where each of the rows (N, k) comes among the different ones in order (N,), and how many there are."""
+    order = np.lexsort(rows.T[::-1])
+    new = (np.diff(rows[order], axis=0, prepend=rows[order[:1]]) != 0.0).any(axis=1)
+    rank = np.empty(len(rows), dtype=np.int64)
+    rank[order] = np.cumsum(new)
+    return rank, int(new.sum()) + 1
 
 
 def _angles(corners: Array) -> Array:
