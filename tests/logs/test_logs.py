@@ -197,6 +197,22 @@ BAD_TEXT = {
 }
 
 
+def test_decimal_commas_and_a_lacking_line_of_names_are_said(tmp_path: Path) -> None:
+    """A spreadsheet set to German writes `0,5`; a log without names said that it had no column `time`."""
+    path, (names, *rows) = tmp_path / "log.csv", csv().splitlines()
+    commas = [[f"{float(cell):.3f}".replace(".", ",") for cell in row.split(",")] for row in rows]
+    for cells, said in (
+        (commas, f"line 2 has {2 * len(commas[0])} cell.*; decimals are written with points"),
+        ([[f'"{cell}"' for cell in row] for row in commas], "'0,000', not a number; decimals are written with points"),
+    ):
+        path.write_text("\n".join([names, *(",".join(row) for row in cells)]))
+        with pytest.raises(LogError, match=said):
+            read_log(path)
+    path.write_text("\n".join(rows))
+    with pytest.raises(LogError, match="line 1 holds numbers; a line above them must name the columns"):
+        read_log(path)
+
+
 def test_a_joint_without_torque_is_left_out(tmp_path: Path) -> None:
     """Fingers' drives tell none; where the model needs the joint, its absence is explained."""
     path = tmp_path / "log.csv"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.logs.parting import longest, parted
 
@@ -36,6 +37,14 @@ def test_what_is_too_short_is_left_out() -> None:
 def test_a_few_lost_samples_or_nothing_but_gaps_leave_it_whole(spans: tuple[tuple[float, float], ...]) -> None:
     log = silent(*spans)
     assert parted(log, 2.6) == [log]
+
+
+def test_two_short_stretches_of_a_pause_are_refused() -> None:
+    """What a spline made of the pause was told as a push from outside."""
+    log = silent((1.5, 10.5))
+    with pytest.raises(LogError, match=r"silent for most of its time, as from 1\.\d* to 10\.\d* s, .* than 2\.6 s"):
+        parted(log, 2.6)
+    assert len(parted(log, 1.4)) == 2
 
 
 def test_a_driver_that_repeats_itself_says_nothing_and_a_joint_at_rest_does() -> None:

@@ -23,6 +23,9 @@ BLOCK = 1 << 24
 NOTHING = ("", "null", "none", "na", "n/a")
 """What foreign loggers write, besides NaN, where they have no number."""
 
+POINTS = "; decimals are written with points"
+"""Said where a file's look as if they were written with commas, as some languages do."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -68,6 +71,8 @@ def read_table(path: Path) -> Table:
     names = cells_of(head.text, ",")
     if len(names) == 1:
         raise LogError(f"{path}: its first line must name the columns; it is {reprlib.repr(head.text)}")
+    if not any(math.isnan(_number_or_none(name)) for name in names):
+        raise LogError(f"{path}: line {head.line} holds numbers; a line above them must name the columns")
     for name in names:
         if name and names.count(name) > 1:
             raise LogError(f"{path}: column {name!r} is there {names.count(name)} times")
@@ -165,9 +170,8 @@ def _slowly(path: Path, names: Sequence[str], above: int) -> tuple[Array, list[i
                     continue
                 for place, width in [*blank, (at, len(row))]:
                     if width != len(names):
-                        raise LogError(
-                            f"{path}: line {place} has {width} cell(s), the first line names {len(names)} columns"
-                        )
+                        said = f"line {place} has {width} cell(s), the first line names {len(names)} columns"
+                        raise LogError(f"{path}: {said}{POINTS * (len(names) < width <= 2 * len(names))}")
                 if blank:
                     raise LogError(f"{path}: line {blank[0][0]}: {names[0]} is empty")
                 cells.extend(
@@ -201,7 +205,8 @@ def _number(cell: str, where: str) -> float:
         return float(cell)
     except ValueError:
         shown = "is empty" if not cell.strip() else f"is {cell.strip()[:40]!r}, not a number"
-        raise LogError(f"{where} {shown}") from None
+        comma = not math.isnan(_number_or_none(cell.replace(",", ".", 1)))
+        raise LogError(f"{where} {shown}{POINTS * comma}") from None
 
 
 def _number_or_none(cell: str) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.errors import LogError
 from twin_diagram.logs.fingerprint import fingerprint
 from twin_diagram.logs.measured_log import SIGNALS, Log
 from twin_diagram.signals.stretches import stretches
@@ -30,6 +31,10 @@ class Tuning:
     most: float = 0.5
     """Share of a log that its parts of some length must hold: one that is nothing but gaps stays as it is."""
 
+    silent: float = 2.0 / 3.0
+    """Share of its time for which a log that stays whole may be silent: beyond, a fit sees mostly what a spline makes
+    up; a pause of 30 s between twice 2.5 s was told as a push and a spring."""
+
 
 TUNING = Tuning()
 
@@ -42,6 +47,9 @@ def parted(log: Log, shortest: float) -> list[Log]:
     Args:
         log: checked.
         shortest: that a stretch may last [s].
+
+    Raises:
+        LogError: it would stay whole, and is silent for most of its time.
     """
     whole, log = log, unfrozen(log)
     silent = np.flatnonzero(np.diff(log.time) > max(TUNING.silence, TUNING.periods * log.period))
@@ -50,6 +58,13 @@ def parted(log: Log, shortest: float) -> list[Log]:
     edges = [0, *(silent + 1).tolist(), len(log)]
     kept = [slice(a, b) for a, b in pairwise(edges) if log.time[b - 1] - log.time[a] >= shortest]
     if sum(part.stop - part.start for part in kept) < TUNING.most * len(log):
+        steps = np.diff(log.time)
+        if np.sum(steps[silent]) > TUNING.silent * (log.time[-1] - log.time[0]):
+            k = int(np.argmax(steps))
+            raise LogError(
+                f"{log.source}: is silent for most of its time, as from {log.time[k]:.6g} to {log.time[k + 1]:.6g} s, "
+                f"and most of its stretches are shorter than {shortest:g} s; log longer ones"
+            )
         return [whole]
     return [_stretch(log, part) for part in kept]
 

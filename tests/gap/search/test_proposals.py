@@ -20,7 +20,7 @@ from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import Proposer, active, block_edges, block_sums, spans
 from twin_diagram.gap.search.push_points import at_their_points
-from twin_diagram.gap.search.scoring import basis, score_candidate
+from twin_diagram.gap.search.scoring import basis, score_candidate, score_spans
 from twin_diagram.logs.differentiation import lowpass
 
 Array = npt.NDArray[np.float64]
@@ -119,6 +119,25 @@ def test_a_start_is_found_to_a_fraction_of_a_sample(onset: float) -> None:
     assert found.onset[0] == 0 and found.onset[1] == pytest.approx(onset, abs=0.35 / terms().records.rate)
     assert found.cost == pytest.approx(np.log(64.0)) and found.name == "torque_bias"
     np.testing.assert_allclose(found.columns[:, 0, 0], active(terms(), found.onset, None), atol=1e-9)
+
+
+@pytest.mark.parametrize("moments", [[(0, 5.0), (0, 5.013), (0, 5.06)], [(1, 0.3), (1, 0.31)], [(0, 9.0), (1, 5.0)]])
+def test_spans_that_are_alike_score_as_each_does_alone(moments: list[tuple[int, float]]) -> None:
+    """In one log or several, near a begin or not, beside a hypothesis, with samples that do not count."""
+    one = terms().records.records[0]
+    both = terms_of(Records(ARM, (one, replace(one, index=1))))
+    count, rng = len(one.kept), np.random.default_rng(1)
+    noise = Whitener(np.column_stack([np.ones(6), 0.3 * rng.normal(size=(6, 3))]), np.full(6, 0.2), (count, count))
+    force, *_, other = external_force.external_forces(both)[8:]
+    weights = rng.uniform(0.0, 1.0, (6, 2 * count - 6))
+    bench = Bench(rng.normal(size=(2 * count, 6)), noise, [other], [], weights=weights)
+    Q = basis(bench, frozenset([0]))
+    projected = np.einsum("jrk,jr->k", Q, bench.y)
+    acts = [active(both, moment, None) for moment in moments]
+    alone = [score_candidate(bench, force.during(act, None, None), Q, projected) for act in acts]
+    found = score_spans(bench, force, acts, Q, projected)
+    np.testing.assert_allclose(found, alone, rtol=1e-9)
+    assert len(set(found.round(6))) == len(acts)
 
 
 def test_a_torque_constant_that_starts_is_a_failing_motor() -> None:

@@ -282,6 +282,8 @@ def test_the_first_day_is_the_first_of_dates_of_one_kind(dates: list[str], first
         (HEADER + "r,1,m,a,b,h\n", "line 2: more cells than columns; fit logs stand in one, with ; between"),
         (HEADER + "\n\nr,1,m,a,\n", "line 4: nothing in holdout"),
         (HEADER + "r,1,m,;,h\n", "line 2: nothing in fit"),
+        ("robot,robot," + HEADER.split(",", 1)[1] + "r,s,1,m,a,h\n", "line 1: column robot is there 2 times"),
+        (HEADER + "r,2026-03-01,m,a,h\nr,2026-02-30,m,a,h\n", "line 3: date '2026-02-30' is on no calendar"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused(text: str, said: str, tmp_path: Path) -> None:
@@ -295,6 +297,18 @@ def test_a_table_may_come_from_a_spreadsheet(tmp_path: Path) -> None:
     (tmp_path / "fleet.csv").write_text(text.replace("\n", "\r\n"), encoding="utf-8", newline="")
     first, second = read_fleet(tmp_path / "fleet.csv")
     assert first.robot == 'r, "1"' and [path.name for path in first.fit] == ["a", "b"] and second.date == "2"
+
+
+def test_names_of_columns_may_have_spaces_about_them(tmp_path: Path) -> None:
+    (tmp_path / "fleet.csv").write_text("robot, date , model, fit, holdout\nr, 1, m, a; b, h\n")
+    (visit,) = read_fleet(tmp_path / "fleet.csv")
+    assert (visit.robot, visit.date, visit.model) == ("r", "1", tmp_path / "m")
+
+
+def test_the_page_says_where_dates_do_not_tell_which_is_first() -> None:
+    lines = [VisitResult("r", date, "unknown") for date in ("2026-03-01", "yesterday")]
+    assert "first in the table" in page(lines, ["x", "y"])
+    assert "first in the table" not in page(lines[:1], ["x"])
 
 
 def test_a_bag_or_constants_that_change_are_another_question(tmp_path: Path) -> None:

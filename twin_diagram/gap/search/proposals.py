@@ -23,7 +23,7 @@ from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.push_points import at_their_points
-from twin_diagram.gap.search.scoring import basis, score_candidate
+from twin_diagram.gap.search.scoring import basis, score_candidate, score_spans
 from twin_diagram.model.effects.ripple import TorqueRipple
 from twin_diagram.signals.arrays import Array
 
@@ -175,15 +175,13 @@ class Proposer:
             return base.during(active(self.terms, onset, end), onset, end)
         for _ in range(2):
             starts = [(onset[0], onset[1] + share * period) for share in TUNING.nearby]
-            made = [base.during(active(self.terms, moment, end), moment, end) for moment in starts]
-            best = int(np.argmax([score_candidate(bench, candidate, Q, projected) for candidate in made]))
-            onset = starts[best]
+            acts = [active(self.terms, moment, end) for moment in starts]
+            onset = starts[int(np.argmax(score_spans(bench, base, acts, Q, projected)))]
             if end is None:
                 break
             ends = [(end[0], end[1] + share * period) for share in TUNING.nearby]
-            made = [base.during(active(self.terms, onset, moment), onset, moment) for moment in ends]
-            best = int(np.argmax([score_candidate(bench, candidate, Q, projected) for candidate in made]))
-            end = ends[best]
+            acts = [active(self.terms, onset, moment) for moment in ends]
+            end = ends[int(np.argmax(score_spans(bench, base, acts, Q, projected)))]
         return base.during(active(self.terms, onset, end), onset, end)
 
     def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:

@@ -5,10 +5,13 @@ The noise's level stays as it was whitened with: the scores rank candidates, and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.normal_equations import increment, increments
@@ -99,3 +102,45 @@ def score_candidate(
     if bounded:
         return float(increment(G, b[None], candidate.spread[None], [candidate])[0])
     return float(increments(G, b[None], candidate.spread[None])[0])
+
+
+def score_spans(bench: Bench, candidate: Candidate, acts: Sequence[Array], Q: Array, projected: Array) -> Array:
+    """Return (m,) what `score_candidate` does of a candidate over each of several spans of time that are much alike.
+
+    Where all of them say the same, it is whitened and summed once.
+
+    Args:
+        bench: with the data.
+        candidate: over all of the logs.
+        acts: m times (ΣD,) 1 while it acts.
+        Q: (n, R, K) of the hypothesis that it would join, as `basis` has it.
+        projected: (K,) Qᵀy.
+    """
+    rows, order, size = list(candidate.rows), bench.whitener.order, candidate.size
+    differing = np.flatnonzero(np.any(np.stack(acts) != acts[0], axis=0))
+    first, last = (int(differing[0]), int(differing[-1])) if len(differing) else (0, 0)
+    bounds = np.concatenate([[0], np.cumsum(bench.whitener.lengths)])
+    log = int(np.searchsorted(bounds, first, side="right")) - 1
+    begin, end = int(bounds[log]), int(bounds[log + 1])
+    if last >= end:  # in several logs: nothing to share
+        whole = (candidate.during(act, None, None) for act in acts)
+        return np.array([score_candidate(bench, each, Q, projected) for each in whole])
+    start = max(first - order, begin)  # a whitened sample holds some before it
+    stop = max(min(last + order + 1, end), min(start + order, end))
+    inner = Whitener(bench.whitener.filters, bench.whitener.sigma, (stop - start,))
+    at = int(np.searchsorted(bench.whitener.rows, start + order))
+    place = slice(at, at + max(stop - start - order, 0))
+    one = bench.whiten(candidate.during(acts[0], None, None))
+    one[:, place] = 0.0
+    parts = [inner.joints(rows, candidate.columns[start:stop] * act[start:stop, None, None]) for act in acts]
+    parts = [part * bench.weights[rows, place, None] for part in parts]
+    near, there = Q[rows, place].reshape(-1, Q.shape[2]), bench.y[rows, place].ravel()
+    flat, C = one.reshape(-1, size), Q[rows].reshape(-1, Q.shape[2]).T @ one.reshape(-1, size)
+    G, b = flat.T @ flat, flat.T @ bench.y[rows].ravel()
+    informed, right = [], []
+    for part in parts:
+        X = part.reshape(-1, size)
+        shared = C + near.T @ X
+        informed.append(G + X.T @ X - shared.T @ shared)
+        right.append(b + X.T @ there - shared.T @ projected)
+    return increments(np.stack(informed), np.stack(right), np.broadcast_to(candidate.spread, (len(acts), size)))

@@ -37,6 +37,9 @@ UNANSWERED_HEAD = (
 )
 """Of the page's table of such visits."""
 
+UNSORTED = "<p>Dates are not all of one kind, so the first day is the first in the table.</p>"
+"""Said of dates that cannot be put in order."""
+
 
 def table(lines: Sequence[VisitResult]) -> str:
     """Return the table as CSV; effects are parted by `;`."""
@@ -52,12 +55,17 @@ def table(lines: Sequence[VisitResult]) -> str:
 
 def by_day(lines: Sequence[VisitResult]) -> list[VisitResult]:
     """Return visits as they came: by dates or numbers of one kind, else as they stand in the table."""
+    return sorted_by_day(lines)[0]
+
+
+def sorted_by_day(lines: Sequence[VisitResult]) -> tuple[list[VisitResult], bool]:
+    """Return visits as they came, and whether their dates say so; if not, they are as they stand in the table."""
     for read in READINGS:
         try:
-            return sorted(lines, key=lambda line: read(line.date))
+            return sorted(lines, key=lambda line: read(line.date)), True
         except (ValueError, TypeError):  # another kind; with and without a time zone
             continue
-    return list(lines)
+    return list(lines), False
 
 
 def first_days(lines: Sequence[VisitResult]) -> list[tuple[str, str, str]]:
@@ -95,6 +103,7 @@ def page(lines: Sequence[VisitResult], folders: Sequence[str]) -> str:
         for line in by_day(lines)
         if line.verdict in UNANSWERED
     )
+    unsorted = "" if sorted_by_day(lines)[1] else UNSORTED
     rows = "".join(
         f"<tr><td>{escape(line.robot)}</td><td class='day'>{escape(line.date)}</td>{_verdict(line, folder)}"
         f"<td>{escape(line.headline)}</td><td>{'' if line.left is None else f'{100 * line.left:.0f} %'}</td></tr>"
@@ -104,7 +113,7 @@ def page(lines: Sequence[VisitResult], folders: Sequence[str]) -> str:
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>Fleet</title><style>{STYLE}</style></head>'
         f"<body><h1>{len({line.robot for line in lines})} robots, {len(lines)} visits</h1>"
         "<h2>What is wrong, and the first day that shows it</h2>"
-        f"<table><tr><th>what</th><th>robots</th><th>which</th></tr>{groups}</table>"
+        f"{unsorted}<table><tr><th>what</th><th>robots</th><th>which</th></tr>{groups}</table>"
         f"{UNANSWERED_HEAD + lost + '</table>' if lost else ''}"
         "<h2>All visits</h2><table><tr><th>robot</th><th>date</th><th>verdict</th><th>in short</th>"
         f"<th>held-out residual left</th></tr>{rows}</table></body></html>\n"

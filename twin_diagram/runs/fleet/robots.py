@@ -6,6 +6,7 @@ import csv
 import hashlib
 import re
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 from twin_diagram.errors import TwinError
@@ -15,6 +16,9 @@ COLUMNS = ("robot", "date", "model", "fit", "holdout")
 
 READ = ("--columns", "--import", "--torque-constants")
 """Options of `gap` that may name a file."""
+
+DAY = re.compile(r"\d{4}-\d{1,2}-\d{1,2}")
+"""A date that has one meaning; all else in its column may be a number or words."""
 
 
 @dataclass(frozen=True)
@@ -71,11 +75,13 @@ def read_fleet(path: Path) -> list[Visit]:
     """Return the visits of a table, in its order; relative paths are relative to it.
 
     Raises:
-        TwinError: no such file, a column that lacks, an empty field, a cell too many, or one robot twice on one day.
+        TwinError: no such file, a column that lacks or is there twice, an empty field, a day that no month has, a cell
+            too many, or one robot twice on one day.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             table = csv.DictReader(file)
+            table.fieldnames = [name.strip() for name in table.fieldnames or ()]
             # Spreadsheets write lines of nothing but commas below a table.
             rows = [(table.line_num, row) for row in table if any("".join(x or ()).strip() for x in row.values())]
             columns = table.fieldnames or ()
@@ -89,6 +95,8 @@ def read_fleet(path: Path) -> list[Visit]:
         raise TwinError(
             f"--fleet {path}: line 1: no column {', '.join(lacking)}; with commas between they are {','.join(COLUMNS)}"
         )
+    if twice := [column for column in COLUMNS if list(columns).count(column) > 1]:
+        raise TwinError(f"--fleet {path}: line 1: column {twice[0]} is there {list(columns).count(twice[0])} times")
     visits: dict[tuple[str, str], Visit] = {}
     for number, row in rows:
         where = f"--fleet {path}: line {number}"
@@ -97,6 +105,8 @@ def read_fleet(path: Path) -> list[Visit]:
         fields["fit"] = fields["fit"] if fit else ""
         if empty := [column for column, value in fields.items() if not value]:
             raise TwinError(f"{where}: nothing in {', '.join(empty)}")
+        if not _may_be(fields["date"]):
+            raise TwinError(f"{where}: date {fields['date']!r} is on no calendar")
         if any(cell.strip() for cell in row.get(None, ())):
             raise TwinError(f"{where}: more cells than columns; fit logs stand in one, with ; between")
         key = fields["robot"], fields["date"]
@@ -104,3 +114,14 @@ def read_fleet(path: Path) -> list[Visit]:
             raise TwinError(f"{where}: {key[0]} on {key[1]} stands there twice")
         visits[key] = Visit(*key, path.parent / fields["model"], fit, path.parent / fields["holdout"])
     return list(visits.values())
+
+
+def _may_be(date: str) -> bool:
+    """Return whether a date can be: one such as 2026-02-30 would leave the others of its robot unsorted."""
+    if DAY.fullmatch(date) is None:
+        return True
+    try:
+        datetime.strptime(date, "%Y-%m-%d")
+    except ValueError:
+        return False
+    return True
