@@ -69,6 +69,15 @@ def test_the_gallery_is_one_file_that_shows_what_failed(tmp_path: Path) -> None:
     assert np.median(spread[:, 1]) < drawn["disc"] < spread[:, 10].max(), "discs close the gaps between points"
 
 
+def test_a_figure_has_no_more_places_than_its_error(tmp_path: Path) -> None:
+    record, state, _ = with_cloud(tmp_path / "run")
+    state.learned[0].figures |= {"mass": 0.6564862, "mass_std": 0.05, "centre": [-0.00712862, -0.0002717, 0.0123456]}
+    state.learned[0].figures["centre_std"] = [0.00460891, 0.0183, 1e-6]
+    write_gallery(record, state)
+    page = (record.folder / "gallery.html").read_text()
+    assert "656 ± 98 g" in page and "-7.1 ± 9, 0 ± 36, 12.3456 ± 0.002 mm" in page
+
+
 def test_the_truth_stands_beside_what_was_learned_in_the_same_axes(tmp_path: Path) -> None:
     record, state, points = with_cloud(tmp_path / "run")
     figures = {

@@ -241,11 +241,17 @@ def _plain(values: Array, scale: float) -> str:
 
 
 def _values(values: Sequence[float], stds: Sequence[float | None], scale: float) -> str:
-    """Return values, each with half of its 95 % interval where that is known."""
+    """Return values, each with half of its 95 % interval where that is known, and no more places than that has."""
     return ", ".join(
-        f"{scale * value:.4g}" + ("" if std is None else f" ± {_short(1.96 * scale * std)}")
+        f"{scale * value:.4g}" if std is None else _with_error(scale * value, 1.96 * scale * std)
         for value, std in zip(values, stds, strict=True)
     )
+
+
+def _with_error(value: float, error: float) -> str:
+    """Return a value and what it may be off by: two places of that count, and what is less than these says nothing."""
+    places = 1 - int(np.floor(np.log10(error))) if error > 0.0 else 6
+    return f"{round(value, places) + 0.0:.6g} ± {_short(error)}"
 
 
 def _short(value: float) -> str:

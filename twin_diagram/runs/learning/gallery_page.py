@@ -50,7 +50,7 @@ document.querySelectorAll('canvas').forEach(canvas => {
     c.clearRect(0, 0, canvas.width, canvas.height);
     const wide = canvas.width / parts.length, radius = clouds[0].radius;
     parts.forEach((part, k) => {
-      const s = zoom*0.42*Math.min(wide, canvas.height)/radius, n = part.p.length/3, seen = [];
+      const s = zoom*0.4*Math.min(wide, canvas.height)/radius, n = part.p.length/3, seen = [];
       const cy = Math.cos(yaw), sy = Math.sin(yaw), cp = Math.cos(pitch), sp = Math.sin(pitch);
       // Right, up and away from who looks.
       const turned = (x, y, z) => { const v = cy*y - sy*x; return [cy*x + sy*y, cp*z + sp*v, cp*v - sp*z]; };
