@@ -45,11 +45,15 @@ def test_the_true_object_is_shown_as_the_learned_one_lies(tmp_path: Path, monkey
         np.einsum("fi,fi->f", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[:, 0]) < 0
     )
     corners[inward] = corners[inward][:, ::-1]
-    true: Any = SimpleNamespace(X_WO=np.eye(4), corners=corners)
+    centre, inertia = np.array([0.001, 0.002, -0.003]), np.diag([3e-4, 1e-4, 2e-4])
+    true: Any = SimpleNamespace(X_WO=np.eye(4), corners=corners, mass=0.4, centre=centre, inertia=inertia)
     monkeypatch.setattr(scores, "matched", lambda scenario, out: [scores.Matched({"name": "a"}, true, np.eye(4))])
     monkeypatch.setattr(scores, "triangles", lambda path: (corners - [0.004, 0.0, -0.003]) @ turn)
     (cloud,) = scores.true_clouds(Scenario(), tmp_path).values()
     back = cloud.points @ turn.T + [0.004, 0.0, -0.003]
+    assert cloud.centre is not None and cloud.mass == 0.4 and cloud.moments == pytest.approx([1e-4, 2e-4, 3e-4])
+    assert turn @ cloud.centre + [0.004, 0.0, -0.003] == pytest.approx(centre, abs=1e-3), "where it is in the asset"
+    assert cloud.off is not None and 0.0 <= cloud.off < 5e-4
     assert np.abs(np.abs(back) / half).max(axis=1) == pytest.approx(1.0, abs=0.02), "on the box"
     assert cloud.colours.shape == back.shape and 0.0 <= cloud.colours.min() <= cloud.colours.max() <= 1.0
     outward, on = cloud.normals @ turn.T, np.abs(back) / half

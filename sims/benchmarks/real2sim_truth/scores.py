@@ -284,7 +284,7 @@ def score_run(scenario: Scenario, out: Path) -> list[dict[str, Any]]:
 
 
 def true_clouds(scenario: Scenario, out: Path) -> dict[str, TrueCloud]:
-    """Return the true object of each finished one, in the learned asset's O, grey."""
+    """Return the true object of each finished one, in the learned asset's O, grey, with its true figures."""
     found = {}
     for each in matched(scenario, out):
         if each.true is None or each.X_WO is None:
@@ -294,7 +294,16 @@ def true_clouds(scenario: Scenario, out: Path) -> dict[str, TrueCloud]:
         X_OA = registered(points, normals, each.true, each.X_WO)
         truth, outward = sampled(each.true.corners, 3000)
         grey = np.full((len(truth), 3), 0.7)
-        found[name] = TrueCloud((truth - X_OA[:3, 3]) @ X_OA[:3, :3], grey, outward @ X_OA[:3, :3])
+        dense, across = sampled(each.true.corners, 20000)
+        found[name] = TrueCloud(
+            (truth - X_OA[:3, 3]) @ X_OA[:3, :3],
+            grey,
+            outward @ X_OA[:3, :3],
+            each.true.mass,
+            (each.true.centre - X_OA[:3, 3]) @ X_OA[:3, :3],
+            np.linalg.eigvalsh(each.true.inertia),
+            float(off_surface(points @ X_OA[:3, :3].T + X_OA[:3, 3], dense, across).mean()),
+        )
     return found
 
 

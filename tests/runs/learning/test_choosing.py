@@ -45,7 +45,7 @@ def beside_the_wall(distance: float) -> SeenThing:
 def test_fingers_are_opened_all_the_way_where_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choosing, "reach_of", all_reached)
     reach, why = choose(beside_the_wall(0.10))
-    assert reach is not None and reach.opened == 1.0 and not why
+    assert reach is not None and reach.opened == 1.0 and reach.sure and not why
 
 
 def test_beside_a_wall_they_are_opened_less(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,7 +73,7 @@ def test_room_beside_the_fingers_is_not_bought_with_a_grasp_by_their_tips(monkey
     monkeypatch.setattr(choosing, "reach_of", all_reached)
     monkeypatch.setattr(choosing, "grasps_of_thing", lambda *told: next(given))
     reach, _ = choose(beside_the_wall(0.10))
-    assert reach is not None and reach.X_WT[2, 3] == 0.050 and reach.opened == 1.0
+    assert reach is not None and reach.X_WT[2, 3] == 0.050 and reach.opened == 1.0 and not reach.sure
     given = iter(offers[:1] * 2 * len(choosing.TUNING.opened))
     reach, _ = choose(beside_the_wall(0.10))
-    assert reach is not None and reach.X_WT[2, 3] == 0.071, "where nothing else is to be had"
+    assert reach is not None and reach.X_WT[2, 3] == 0.071 and not reach.sure, "where nothing else is to be had"

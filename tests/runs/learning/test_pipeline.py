@@ -15,7 +15,7 @@ import pytest
 from tests.runs.learning.held_box import shown, turned
 from twin_diagram.errors import StationError, TwinError
 from twin_diagram.estimation.weighing import WeighingError
-from twin_diagram.runs.learning import handling
+from twin_diagram.runs.learning import handling, pipeline
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.finishing import finish
@@ -64,7 +64,8 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     cell = SimpleNamespace(time=0.0, snapshot=dict, look=lambda name: PICTURE, wait=lambda seconds: None)
     taken = Taken(np.eye(4), 0.05, 0)
     monkeypatch.setattr(handling, "look_into_bin", bin_.look)
-    monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt, failed: Picked(one, taken))
+    monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt, failed, known: Picked(one, taken))
+    monkeypatch.setattr(pipeline, "which_first", lambda tools, picture, things: (things[0], None))
     monkeypatch.setattr(handling, "show_first", bin_.show)
     monkeypatch.setattr(handling, "let_go", bin_.let_go)
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)

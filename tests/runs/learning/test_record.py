@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 from collections.abc import Callable
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 import yaml
 
-from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState, plain
 from twin_diagram.scenario import Scenario
 from twin_diagram.scenario.file import copy_scenario
@@ -157,49 +155,3 @@ def test_a_disk_without_room_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr("twin_diagram.runs.learning.record.SPARE", 10**18)
     with pytest.raises(LearningError, match="MB are free"):
         begun(tmp_path / "run")
-
-
-def test_the_gallery_is_one_file_that_shows_what_failed(tmp_path: Path) -> None:
-    record, state = filled(tmp_path / "run")
-    state.learned[0].state = "finished"
-    cloud = record.library / "object_01"
-    cloud.mkdir(parents=True)
-    points = np.random.default_rng(0).normal(size=(50, 3))
-    np.savez(
-        cloud / "cloud.npz",
-        points=points,
-        normals=points / np.linalg.norm(points, axis=1)[:, None],
-        colours=np.full((50, 3), 0.5),
-    )
-    state.learned[0].grasps = 2
-    state.learned[0].figures |= {
-        "mass_std": 0.001,
-        "centre_std": [0.0005, 0.0006, 0.0007],
-        "moments": [1e-4, 2e-4, 3e-4],
-        "moments_std": [1e-6, 2e-6, 6.3e-5],
-        "by": {"mass": "measured", "centre": "measured", "inertia": "from shape alone"},
-        "not weighed": "its log is empty",
-        "pictures": 70,
-        "slips": [[12, 0.004, 0.1]],
-        "notes": ["shown in 2 grasps only: out of reach"],
-    }
-    state.learned.append(Learned("reported_01", "reported", "too wide <for> the fingers"))
-    state.learned.append(Learned("object_02", "failed", "it was lost", "no frames"))
-    write_gallery(record, state)
-    page = (record.folder / "gallery.html").read_text()
-    assert "1 of 3 finished, 1 reported, 1 failed" in page and "too wide &lt;for&gt; the fingers" in page
-    assert "500 ± 2 g" in page and "± 0.98, ± 1.2, ± 1.4 mm" in page and "100 ± 2, 200 ± 3.9, 300 ± 120 kg·mm²" in page
-    assert '<td class="guess">100 ± 2' in page, "what was not measured stands out"
-    assert page.count("--again") == 1 and "--again object_02" in page, "what has a second try is told how"
-    state.learned[0].figures["centre"] = [0.0021, -0.014, 0.0]
-    write_gallery(record, state)
-    told = "2.1 ± 0.98, -14 ± 1.2, 0 ± 1.4 mm off the middle of its box, measured"
-    assert told in (record.folder / "gallery.html").read_text()
-    assert "its log is empty" in page and "out of reach" in page and "it was lost; no frames" in page
-    assert "70 pictures in 2 grasps; slipped by 4 mm and 6°" in page
-    assert page.count("<canvas") == 1 and "http" not in page.replace("http-equiv", "")
-    (drawn,) = json.loads(page.split('id="data">')[1].split("</script>")[0])["object_01"]
-    facing = np.frombuffer(base64.b64decode(drawn["normals"]), np.int8).reshape(-1, 3)
-    np.testing.assert_allclose(facing / 127.0, points / np.linalg.norm(points, axis=1, keepdims=True), atol=0.005)
-    spread = np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1)
-    assert np.median(spread[:, 1]) < drawn["disc"] < spread[:, 10].max(), "discs close the gaps between points"

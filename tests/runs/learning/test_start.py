@@ -8,12 +8,15 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from twin_diagram.errors import ScenarioError
 from twin_diagram.runs.learning import start
 from twin_diagram.runs.learning.command import add_learn_command
+from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.record import Learned, LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.shape_worker import FRAMES
 from twin_diagram.runs.learning.start import check_cell, learn, learn_again
@@ -41,6 +44,11 @@ def test_the_scenario_that_comes_along_can_be() -> None:
             "scan_camera.*none of twin.cameras: bin, scan",
         ),
         (lambda: check_cell(changed("twin.learning.from_bin=[[1, 1, 1], [0, 0, 0]]")), "twin.learning.from_bin"),
+        (
+            lambda: check_cell(changed("twin.arm={model: arms/iiwa7.urdf, tool_frame: iiwa_link_ee}")),
+            r"twin.arm.model: arms/iiwa7.urdf has no gripper",
+        ),
+        (lambda: check_cell(changed("twin.arm.tool_frame=other")), "twin.arm.tool_frame: .*no frame 'other'"),
         (lambda: check_cell(changed("station=lcm")), "station: 'lcm'.*simulated"),
         (lambda: check_cell(changed("station=replay")), "station: 'replay'.*simulated"),
         (lambda: check_cell(changed("twin.learning.tries=0")), "twin.learning.tries"),
@@ -50,6 +58,22 @@ def test_refusals(make: Callable[[], object], words: str) -> None:
     with pytest.raises(ScenarioError, match=words) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+def test_a_place_to_show_things_at_that_is_not_reached_is_refused() -> None:
+    """Each object was taken, and let fall unlearned into the other bin."""
+    scenario = changed()
+    mover = Mover(scenario.twin, {}, np.ones(7), 0)
+    home = np.array(scenario.twin.home)
+    for place, reached in (([0.58, 0.0, 0.45], True), ([2.0, 0.0, 0.45], False), ([0.52, 0.0, 0.02], False)):
+        learning = check_cell(changed(f"twin.learning.display={place}"))
+        tools: Any = SimpleNamespace(mover=mover, learning=learning, home=home)
+        if reached:
+            start.check_display(tools)
+            continue
+        with pytest.raises(ScenarioError, match=r"twin.learning.display: \[.*do not get there") as error:
+            start.check_display(tools)
+        assert "\n" not in str(error.value)
 
 
 def test_the_command_ends_with_2_and_writes_nothing(tmp_path: Path) -> None:
@@ -98,6 +122,7 @@ def test_a_new_run_holds_its_folder_until_it_ends(tmp_path: Path, monkeypatch: p
             ran.append(True)
 
     monkeypatch.setattr(start, "tools_of", lambda *_: SimpleNamespace(cell=SimpleNamespace(observer=None)))
+    monkeypatch.setattr(start, "check_display", lambda tools: None)
     monkeypatch.setattr(start, "Learner", Looker)
     for resume in (False, True):
         learn(scenario, tmp_path / "run", resume=resume)
@@ -115,6 +140,7 @@ def test_a_disk_that_fills_up_on_the_way_is_told_in_a_line(tmp_path: Path, monke
             self.record.event(stage="camera")
 
     monkeypatch.setattr(start, "tools_of", lambda *_: SimpleNamespace(cell=SimpleNamespace(observer=None)))
+    monkeypatch.setattr(start, "check_display", lambda tools: None)
     monkeypatch.setattr(start, "Learner", Writer)
     with pytest.raises(LearningError, match=r"--out .*/run: No space left on device; .*--resume goes on") as error:
         learn(changed(), tmp_path / "run")

@@ -141,7 +141,7 @@ class Cell:
         self._station = SimStation(scenario)
         arm = self._station.world.arm
         if not arm.fingers:
-            raise ScenarioError("twin.arm.model", f"{scenario.twin.arm.model} has no gripper to take objects with")
+            raise ScenarioError("world.arm.model", f"{scenario.world.arm.model} has no gripper to take objects with")
         self._plant = self._station.world.plant
         described = np.array([finger.default_positions()[0] for finger in arm.fingers])
         widening = Followers.of(self._plant, arm.arm).widening

@@ -73,5 +73,5 @@ def choose(
             tips = bool(by_tips(grasps)[reach.grasp])
             if grasps.seen[reach.grasp].all() and not tips:
                 return reach, ""
-            spares.setdefault(tips, reach)
+            spares.setdefault(tips, replace(reach, sure=False))
     return spares.get(False, spares.get(True)), why

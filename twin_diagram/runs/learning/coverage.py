@@ -45,14 +45,19 @@ LATER: Final = (*DISPLAY.later_tilts, *DISPLAY.other_tilts)
 
 def posed_frames(followed: Followed) -> tuple[list[RgbdFrame], list[Mask]]:
     """Return the pictures that are well followed, with their cameras' poses in S, and the masks of the hand."""
-    frames, hands = [], []
+    frames, hands, good = [], [], set(well_followed(followed))
     for k, (one, X_SC) in enumerate(zip(followed.shown, followed.camera_poses(), strict=True)):
-        if followed.explained[k] < 0.5 * FOLLOWING.explained:
+        if k not in good:
             continue
         camera = one.picture.camera.moved(X_SC[:3, :3], X_SC[:3, 3])
         frames.append(RgbdFrame(k, one.picture.time, one.picture.rgb, one.picture.depth, one.mask, camera, camera))
         hands.append(one.hand)
     return frames, hands
+
+
+def well_followed(followed: Followed) -> list[int]:
+    """Return the numbers of the pictures that are well followed: those of which a shape is made."""
+    return [k for k, share in enumerate(followed.explained) if share >= 0.5 * FOLLOWING.explained]
 
 
 def hands_of(followed: Followed, openings: Sequence[float], gripper: Gripper) -> list[Boxes]:

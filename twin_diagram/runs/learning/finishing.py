@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from twin_diagram.assets.building.measured import MeasuredInertia, from_shape_al
 from twin_diagram.assets.building.surface import weld
 from twin_diagram.errors import TwinError
 from twin_diagram.model.model import Model
+from twin_diagram.runs.learning.coverage import well_followed
 from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, plain
 from twin_diagram.runs.learning.shape_worker import SHAPE, read_shape
@@ -166,5 +168,7 @@ def figures_of(shown: ShownObject) -> dict[str, Any]:
     weighed: dict[str, Any] = {} if shown.mass_at_rest is None else {"mass_at_rest": shown.mass_at_rest}
     weighed |= {} if shown.centre is None else {"centre_felt": [shown.centre.mean, shown.centre.covariance]}
     figures = {"pictures": len(shown.followed.shown), "slips": slips, "notes": shown.notes}
+    kept = Counter(shown.followed.shown[k].grasp for k in well_followed(shown.followed))
+    figures["pictures_by_grasp"] = [kept[grasp] for grasp in range(len(shown.X_ST))]
     seen = {"seen_share": shown.seen_shares[-1], "seen_after_grasps": shown.seen_shares} if shown.seen_shares else {}
     return figures | seen | weighed

@@ -13,7 +13,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from twin_diagram.runs.learning.display_strips import strips_of
+from twin_diagram.runs.learning.gallery_page import SCRIPT, STYLE
 from twin_diagram.runs.learning.record import GALLERY, Learned, LearningRecord, RunState
+from twin_diagram.runs.learning.shape_worker import FRAMES
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
 
@@ -31,75 +34,28 @@ class Tuning:
 
 TUNING = Tuning()
 
-STYLE = """
-body { margin:0; font:15px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif; color:#1d2735;
-  background:#f4f6f9; }
-main { max-width:1120px; margin:0 auto; padding:20px; }
-h1 { font-size:24px; margin:0 0 4px; } h2 { font-size:17px; margin:0 0 6px; } p { margin:4px 0; color:#566173; }
-.grid { display:grid; grid-template-columns:repeat(auto-fill,minmax(340px,1fr)); gap:16px; margin-top:16px; }
-.card { background:#fff; border:1px solid #e1e6ed; border-radius:12px; padding:14px; }
-canvas { width:100%; height:260px; border-radius:8px; background:#eef2f7; touch-action:none; cursor:grab; }
-img { max-width:100%; border-radius:8px; }
-table { border-collapse:collapse; width:100%; font-variant-numeric:tabular-nums; margin-top:8px; }
-th, td { text-align:left; padding:3px 6px; border-bottom:1px solid #eef1f5; vertical-align:top; }
-th { color:#566173; font-weight:500; width:38%; }
-.guess { background:#faf0da; }
-.failed { border-color:#d98b8b; } .reported { border-color:#d9b36b; }
-.tag { font-size:12px; padding:1px 8px; border-radius:9px; background:#e3f1e6; color:#23683a; float:right; }
-.failed .tag { background:#f8e2e2; color:#8f2525; } .reported .tag { background:#faf0da; color:#7a5510; }
-"""
-"""CSS of the page."""
-
-SCRIPT = """
-const D = JSON.parse(document.getElementById('data').textContent);
-document.querySelectorAll('canvas').forEach(canvas => {
-  const c = canvas.getContext('2d'), clouds = D[canvas.dataset.name];
-  const decode = (text, kind) => new kind(Uint8Array.from(atob(text), s => s.charCodeAt(0)).buffer);
-  const parts = clouds.map(k => ({p: decode(k.points, Float32Array), c: decode(k.colours, Uint8Array),
-    n: decode(k.normals, Int8Array), disc: k.disc}));
-  let yaw = 0.6, pitch = 0.45, zoom = 1;
-  function draw() {
-    const ratio = window.devicePixelRatio || 1;
-    canvas.width = canvas.clientWidth*ratio; canvas.height = canvas.clientHeight*ratio;
-    c.clearRect(0, 0, canvas.width, canvas.height);
-    const wide = canvas.width / parts.length, radius = clouds[0].radius;
-    parts.forEach((part, k) => {
-      const s = zoom*0.42*Math.min(wide, canvas.height)/radius, n = part.p.length/3, seen = [];
-      const cy = Math.cos(yaw), sy = Math.sin(yaw), cp = Math.cos(pitch), sp = Math.sin(pitch);
-      // Right, up and away from who looks.
-      const turned = (x, y, z) => { const v = cy*y - sy*x; return [cy*x + sy*y, cp*z + sp*v, cp*v - sp*z]; };
-      for (let i = 0; i < 3*n; i += 3) {
-        const m = turned(part.n[i]/127, part.n[i+1]/127, part.n[i+2]/127);
-        if (m[2] < 0) seen.push([turned(part.p[i], part.p[i+1], part.p[i+2]), m, i]);
-      }
-      seen.sort((a, b) => b[0][2]-a[0][2]);
-      const size = Math.max(1.5*ratio, s*part.disc);
-      for (const [q, m, i] of seen) {
-        const lit = 0.6 + 0.4*Math.max(0, 0.6*m[1] - 0.35*m[0] - 0.72*m[2]);
-        c.fillStyle = `rgb(${lit*part.c[i]},${lit*part.c[i+1]},${lit*part.c[i+2]})`;
-        c.beginPath();
-        c.ellipse(wide*(k+0.5) + s*q[0], canvas.height/2 - s*q[1], size*Math.max(0.2, -m[2]), size,
-          Math.atan2(-m[1], m[0]), 0, 2*Math.PI);
-        c.fill(); }
-    });
-  }
-  canvas.addEventListener('pointermove', e => { if (e.buttons) { yaw += e.movementX*0.01;
-    pitch = Math.max(-1.57, Math.min(1.57, pitch + e.movementY*0.01)); draw(); } });
-  canvas.addEventListener('wheel', e => { e.preventDefault(); zoom *= Math.exp(-e.deltaY*0.001); draw(); });
-  window.addEventListener('resize', draw); draw();
-});
-"""
-"""What draws: coloured discs along the surface, lit from above, projected in parallel; a second cloud stands beside the
-first."""
-
 
 @dataclass(frozen=True)
 class TrueCloud:
-    """The true object beside a learned one, where somebody knows it: (N, 3) points in O [m], colours, normals."""
+    """The true object beside a learned one, where somebody knows it.
+
+    Attributes:
+        points: (N, 3) in the learned asset's O [m], with colours and normals (N, 3).
+        colours: of them.
+        normals: of them.
+        mass: of it [kg].
+        centre: (3,) of mass in the learned asset's O [m]; with the mass alone.
+        moments: (3,) principal ones, the least first [kg·m²]; with the mass alone.
+        off: mean distance from the learned surface to the true one [m]; None: nobody says.
+    """
 
     points: Array
     colours: Array
     normals: Array
+    mass: float | None = None
+    centre: Array | None = None
+    moments: Array | None = None
+    off: float | None = None
 
 
 def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, TrueCloud] | None = None) -> None:
@@ -120,13 +76,8 @@ def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, Tr
             if true and (beside := true.get(one.name)) is not None:
                 clouds.append(_packed(beside.points, beside.colours, beside.normals))
             data[one.name] = clouds
-        cards.append(_card(record, one, one.name in data))
-    done = sum(one.state == "finished" for one in state.learned)
-    others = Counter(one.state for one in state.learned if one.state != "finished")
-    counts = "".join(f", {many} {name}" for name, many in others.items())
-    end = "the bin is done with" if state.finished else "things are still to be taken"
-    told = f"{done} of {len(state.learned)} finished{counts}; {state.sim_time:.0f} s simulated; {end}"
-    two = "; on the left what was learned, on the right the true object" if true else ""
+        beside = true.get(one.name) if true else None
+        cards.append(_card(record, one, len(data.get(one.name, ())), beside))
     # Within <script> no text may end it, whatever an object is called.
     packed = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     atomic_file.write(
@@ -134,9 +85,23 @@ def write_gallery(record: LearningRecord, state: RunState, true: Mapping[str, Tr
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>Learned objects</title><style>{STYLE}</style></head><body><main><h1>Learned objects</h1>"
-        f"<p>{told}. Drag to turn, wheel to zoom{two}. ± holds 95 % of what may be; what is “from shape alone” "
-        f"torques did not tell: it takes an even density.</p><div class='grid'>{''.join(cards)}</div></main>"
+        f"{_summary(state)}<div class='grid'>{''.join(cards)}</div></main>"
         f'<script type="application/json" id="data">{packed}</script><script>{SCRIPT}</script></body></html>\n',
+    )
+
+
+def _summary(state: RunState) -> str:
+    """Return what stands above the cards: how many of each, how long, and how the page is read."""
+    counts = Counter(one.state for one in state.learned)
+    order = sorted(counts, key=lambda name: (name != "finished", name))
+    tags = "".join(f'<span class="tag {escape(name)}">{counts[name]} {escape(name)}</span>' for name in order)
+    end = "the bin is done with" if state.finished else "things are still to be taken"
+    return (
+        f'<div class="counts">{tags}<span class="tag end">{len(state.learned)} in all</span>'
+        f'<span class="tag end">{state.sim_time:.0f} s simulated</span><span class="tag end">{end}</span></div>'
+        "<p>Drag an object to turn it, wheel to zoom. ± holds 95 % of what may be. "
+        "<span class='by'>measured</span> torques told it; <span class='by partly'>partly</span> shape and torques "
+        "together; <span class='by guess'>from shape alone</span> torques did not tell it: of even density.</p>"
     )
 
 
@@ -154,69 +119,139 @@ def _packed(points: Array, colours: Array, normals: Array) -> dict[str, Any]:
     }
 
 
-def _card(record: LearningRecord, one: Learned, drawn: bool) -> str:
-    view = f'<canvas data-name="{escape(one.name)}"></canvas>' if drawn else ""
+def _card(record: LearningRecord, one: Learned, clouds: int, true: TrueCloud | None) -> str:
+    view = ""
+    if clouds:
+        labels = (
+            '<span class="of whole">learned</span>',
+            '<span class="of">learned</span><span class="of right">true</span>',
+        )
+        view = f'<figure>{labels[clouds - 1]}<canvas data-name="{escape(one.name)}"></canvas></figure>'
     file = record.folder / one.picture if one.picture else None
     if file is not None and file.is_file():
-        view += f'<img alt="" src="data:image/png;base64,{base64.b64encode(file.read_bytes()).decode()}">'
-    rows = "".join(_row(name, text) for name, text in _rows(one))
+        data = base64.b64encode(file.read_bytes()).decode()
+        view += f'<img alt="where {escape(one.name)} was left" src="data:image/png;base64,{data}">'
+    rows = _rows(one, true)
+    with_truth = any(row.true for row in rows)
+    head = "<thead><tr><th></th><th>learned</th><th>true</th></tr></thead>" if with_truth else ""
+    table = f"<table>{head}<tbody>{''.join(row.html(with_truth) for row in rows)}</tbody></table>"
     return (
-        f'<div class="card {escape(one.state)}"><span class="tag">{escape(one.state)}</span>'
-        f"<h2>{escape(one.name)}</h2>{view}<table>{rows}</table></div>"
+        f'<div class="card {escape(one.state)}"><span class="tag {escape(one.state)}">{escape(one.state)}</span>'
+        f"<h2>{escape(one.name)}</h2>{view}{table}{_shown(record, one)}</div>"
     )
 
 
-def _row(name: str, text: str) -> str:
-    mark = ' class="guess"' if "from shape alone" in text else ""
-    return f"<tr><th>{escape(name)}</th><td{mark}>{escape(text)}</td></tr>"
+def _shown(record: LearningRecord, one: Learned) -> str:
+    """Return pictures of how an object was displayed, a strip a grasp."""
+    counts, shares = one.figures.get("pictures_by_grasp", []), one.figures.get("seen_after_grasps", [])
+    found = []
+    for k, strip in enumerate(strips_of(record.of(one.name) / FRAMES, counts) if counts else []):
+        seen = f", {100 * shares[k]:.1f} % of the surface seen by its end" if k < len(shares) else ""
+        images = "".join(f'<img alt="" src="data:image/jpeg;base64,{text}">' for text in strip)
+        found.append(f"<p>grasp {k + 1}: {counts[k]} pictures{seen}</p><div class='strip'>{images}</div>")
+    return f'<div class="shown">{"".join(found)}</div>' if found else ""
 
 
-def _rows(one: Learned) -> list[tuple[str, str]]:
+@dataclass(frozen=True)
+class TableLine:
+    """One line of an object's table: its name, what was learned, where that came from, the truth; "": not known."""
+
+    name: str
+    text: str
+    by: str = ""
+    true: str = ""
+    kind: str = ""
+
+    def html(self, with_truth: bool) -> str:
+        """Return it as HTML, with a cell for the truth or without."""
+        guess = "from shape alone" in self.by
+        marks = {"measured": "by", "partly": "by partly"}
+        tag = f' <span class="{marks.get(self.by, "by guess")}">{escape(self.by)}</span>' if self.by else ""
+        text = f"<code>{escape(self.text)}</code>" if self.kind == "command" else escape(self.text)
+        kind = ' class="guess"' if guess else ' class="why"' if self.kind == "why" else ""
+        wide = ' colspan="2"' if with_truth and not self.true else ""
+        last = f'<td class="true">{escape(self.true)}</td>' if self.true else ""
+        return f"<tr><th>{escape(self.name)}</th><td{kind}{wide}>{text}{tag}</td>{last}</tr>"
+
+
+def _rows(one: Learned, true: TrueCloud | None) -> list[TableLine]:
     """Return what the table of an object says."""
-    rows = [("what failed", one.told)] if one.told else []
+    rows = [TableLine("what failed", one.told, kind="why")] if one.told else []
     if one.no_asset:
-        rows.append(("a second try", f"twin-diagram learn … --again {one.name}"))
+        rows.append(TableLine("a second try", f"twin-diagram learn … --again {one.name}", kind="command"))
     if one.state == "handled":
-        rows.append(("asset", "its shape is still being made"))
-    f = one.figures
+        rows.append(TableLine("asset", "its shape is still being made"))
+    return rows + _inertial(one, true) + _surface(one, true)
+
+
+def _inertial(one: Learned, true: TrueCloud | None) -> list[TableLine]:
+    """Return what is told of mass, centre and moments, beside the truth where it is known."""
+    rows, f = list[TableLine](), one.figures
     by = f.get("by", {})
+    known = true if true is not None and true.mass is not None else None
     if "mass" in f:
         even = " as if of water" if f.get("mass_std") is None else ""
-        rows.append(("mass", f"{_values([f['mass']], [f.get('mass_std')], 1e3)} g, {by.get('mass', '')}{even}"))
+        mass = f"{1e3 * known.mass:.4g} g" if known and known.mass is not None else ""
+        text = f"{_values([f['mass']], [f.get('mass_std')], 1e3)} g"
+        rows.append(TableLine("mass", text, f"{by.get('mass', '')}{even}".strip(), mass))
     if f.get("centre_std"):
+        centre = ""
         if "centre" in f:  # runs of before have none
-            known = f"{_values(f['centre'], f['centre_std'], 1e3)} mm off the middle of its box"
+            text = f"{_values(f['centre'], f['centre_std'], 1e3)} mm off the middle of its box"
+            if known and known.centre is not None:
+                centre = f"{_plain(np.array(f['centre']) + known.centre, 1e3)} mm"
         else:
-            known = ", ".join(f"± {_short(1.96e3 * x)}" for x in f["centre_std"]) + " mm"
-        rows.append(("centre of mass", f"{known}, {by.get('centre', '')}"))
+            text = ", ".join(f"± {_short(1.96e3 * x)}" for x in f["centre_std"]) + " mm"
+        rows.append(TableLine("centre of mass", text, by.get("centre", ""), centre))
     if "moments" in f:
         moments = _values(f["moments"], f.get("moments_std") or [None] * 3, 1e6)
-        rows.append(("principal moments", f"{moments} kg·mm², {by.get('inertia', '')}"))
+        told = f"{_plain(known.moments, 1e6)} kg·mm²" if known and known.moments is not None else ""
+        rows.append(TableLine("principal moments", f"{moments} kg·mm²", by.get("inertia", ""), told))
     if "not weighed" in f:
-        rows.append(("not weighed", f["not weighed"]))
-    if "size" in f:
-        rows.append(("box about it", " × ".join(f"{1e3 * x:.0f}" for x in f["size"]) + " mm, as it lay in the bin"))
-    if "seen_share" in f:
-        after = ", ".join(f"{100 * share:.1f}" for share in f.get("seen_after_grasps", []))
-        rows.append(("surface seen", f"{100 * f['seen_share']:.1f} % of what some pose shows (by grasps: {after})"))
-    if "unseen" in f:
-        rows.append(("guessed surface", f"{100 * f['unseen']:.1f} % of the mesh, which no picture shows"))
-    if f.get("pictures"):
-        slips = ", ".join(f"{1e3 * off:.0f} mm and {np.rad2deg(turn):.0f}°" for _, off, turn in f.get("slips", []))
-        grasps = f"{one.grasps} grasp{'s' if one.grasps != 1 else ''}"
-        rows.append(
-            ("displayed", f"{f['pictures']} pictures in {grasps}; " + (f"slipped by {slips}" if slips else "no slip"))
-        )
-    rows += [("note", text) for text in dict.fromkeys([*f.get("notes", []), *f.get("asset_notes", [])])]
+        rows.append(TableLine("not weighed", f["not weighed"], kind="why"))
     return rows
 
 
+def _surface(one: Learned, true: TrueCloud | None) -> list[TableLine]:
+    """Return what is told of an object's surface, how it was displayed, and notes."""
+    rows, f = list[TableLine](), one.figures
+    if "size" in f:
+        rows.append(
+            TableLine("box about it", " × ".join(f"{1e3 * x:.0f}" for x in f["size"]) + " mm, as it lay in the bin")
+        )
+    if true is not None and true.off is not None:
+        rows.append(TableLine("surface", f"{1e3 * true.off:.2f} mm off the true one on average"))
+    if "seen_share" in f:
+        after = ", ".join(f"{100 * share:.1f}" for share in f.get("seen_after_grasps", []))
+        text = f"{100 * f['seen_share']:.1f} % of what some pose shows (by grasps: {after})"
+        rows.append(TableLine("surface seen", text))
+    if "unseen" in f:
+        rows.append(TableLine("guessed surface", f"{100 * f['unseen']:.1f} % of the mesh, which no picture shows"))
+    if f.get("pictures"):
+        slips = ", ".join(f"{1e3 * off:.0f} mm and {np.rad2deg(turn):.0f}°" for _, off, turn in f.get("slips", []))
+        grasps = f"{one.grasps} grasp{'s' if one.grasps != 1 else ''}"
+        slipped = f"slipped by {slips}" if slips else "no slip"
+        rows.append(TableLine("displayed", f"{f['pictures']} pictures in {grasps}; {slipped}"))
+    return rows + [TableLine("note", text) for text in dict.fromkeys([*f.get("notes", []), *f.get("asset_notes", [])])]
+
+
+def _plain(values: Array, scale: float) -> str:
+    """Return values with four places that count."""
+    return ", ".join(f"{scale * float(value):.4g}" for value in values)
+
+
 def _values(values: Sequence[float], stds: Sequence[float | None], scale: float) -> str:
-    """Return values, each with half of its 95 % interval where that is known."""
+    """Return values, each with half of its 95 % interval where that is known, and no more places than that has."""
     return ", ".join(
-        f"{scale * value:.4g}" + ("" if std is None else f" ± {_short(1.96 * scale * std)}")
+        f"{scale * value:.4g}" if std is None else _with_error(scale * value, 1.96 * scale * std)
         for value, std in zip(values, stds, strict=True)
     )
+
+
+def _with_error(value: float, error: float) -> str:
+    """Return a value and what it may be off by: two places of that count, and what is less than these says nothing."""
+    places = 1 - int(np.floor(np.log10(error))) if error > 0.0 else 6
+    return f"{round(value, places) + 0.0:.6g} ± {_short(error)}"
 
 
 def _short(value: float) -> str:

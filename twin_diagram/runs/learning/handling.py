@@ -28,7 +28,7 @@ from twin_diagram.runs.learning.following import Followed, cover, follow, follow
 from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
-from twin_diagram.runs.learning.picking import go, lift_over, take
+from twin_diagram.runs.learning.picking import Reach, go, lift_over, take
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
@@ -135,7 +135,20 @@ def go_home(tools: Tools) -> None:
         go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, tools.home[None])))
 
 
-def pick(tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed: list[Array]) -> Picked:
+def grasp_of(
+    tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: int = 0, failed: Sequence[Array] = ()
+) -> tuple[Reach | None, str]:
+    """Return the best grasp of a thing that is reached, or why there is none; arguments as in `pick`."""
+    corners = np.array(tools.learning.from_bin[0]), np.array(tools.learning.from_bin[1])
+    rest = [other.points for other in others] + upright_points(tools.faces, thing)
+    stand_about(tools.mover, tools.learning, [thing, *others])
+    floor = support_of(thing, tools.learning) + TUNING.floor
+    return choose(tools.mover, tools.cell, tools.gripper, thing, corners, floor, rest, attempt, failed)
+
+
+def pick(
+    tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed: list[Array], known: Reach | None = None
+) -> Picked:
     """Try to take a thing once: the best grasp that is reached, one unlike those that failed before others.
 
     Args:
@@ -144,20 +157,17 @@ def pick(tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed:
         picture: in which it was seen; all else in it is in the way, also what was given up.
         attempt: number of the try, from 0.
         failed: (4, 4) poses of the tool at which it held nothing.
+        known: that grasp, where it was looked for before; None: it is looked for now.
     """
-    low, high = (np.array(corner) for corner in tools.learning.from_bin)
-    around = lying(picture, tools.learning, tools.faces, tools.robot)
+    around, high = lying(picture, tools.learning, tools.faces, tools.robot), tools.learning.from_bin[1][2]
     others = [other for other in around if (other.middle != thing.middle).any()]
-    rest = [other.points for other in others] + upright_points(tools.faces, thing)
-    stand_about(tools.mover, tools.learning, [thing, *others])
-    floor = support_of(thing, tools.learning) + TUNING.floor
-    reach, why = choose(tools.mover, tools.cell, tools.gripper, thing, (low, high), floor, rest, attempt, failed)
+    reach, why = (known, "") if known is not None else grasp_of(tools, thing, others, attempt, failed)
     if reach is None:
         return Picked(thing, why=why_barred(why, thing, others))
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return Picked(thing, why="the fingers held nothing", failed=reach.X_WT)
-    lift_over(tools.mover, tools.cell, taken, thing.points, float(high[2]))
+    lift_over(tools.mover, tools.cell, taken, thing.points, high)
     stand_about(tools.mover, tools.learning, others)
     tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
     return Picked(thing, taken, others=others)
@@ -258,9 +268,8 @@ def show_again(tools: Tools, shown: ShownObject, firm: bool = False) -> bool:
     shown.openings.append(tools.cell.apart)
     shown.R_WT = R_WS_lying @ X_ST[:3, :3]
     hold_seen(tools, shown)
-    hand = Boxes(X_ST, *tools.gripper.boxes(tools.cell.apart))
+    felt, hand = Felt(), Boxes(X_ST, *tools.gripper.boxes(tools.cell.apart))
     number, tilts = len(shown.X_ST) - 1, tilts_of(shown.seen, hand, tools.learning, p_WC)
-    felt = Felt()
     noted = partial(felt.note, tools.cell)
     pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts, during=noted)
     shown.followed = follow_anew(shown.followed, pictures, X_ST, TUNING.regrasped)

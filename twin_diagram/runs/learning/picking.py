@@ -58,7 +58,8 @@ TUNING = Tuning()
 class Reach:
     """A grasp that the arm can go to: way and line (W, n) [rad], and the tool's pose there (4, 4).
 
-    `opened`: by which share the fingers are open on the way to it.
+    `opened`: by which share the fingers are open on the way to it; `sure`: whether both of its contacts are seen or
+    guessed, and neither is at the pads' very tips.
     """
 
     grasp: int
@@ -66,6 +67,7 @@ class Reach:
     way: Array
     line: Array
     opened: float = 1.0
+    sure: bool = True
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.planning.grasps import gripper_of
-from twin_diagram.runs.learning import handling
+from twin_diagram.runs.learning import handling, picking
 from twin_diagram.runs.learning.bin_view import SeenThing, narrowest, save_picture
 from twin_diagram.runs.learning.camera_check import KnownFaces, correct_cameras
 from twin_diagram.runs.learning.cell import Cell, Picture
@@ -27,7 +27,6 @@ from twin_diagram.runs.learning.ending import end_early
 from twin_diagram.runs.learning.finishing import figures_of, finish, seen_so_far
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.motion import Mover, NoWay
-from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, RunState, plain
 from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.setting_down import PutDown
@@ -35,6 +34,7 @@ from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
 from twin_diagram.runs.learning.shape_worker import FRAMES
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runs.learning.tipping import plan_tipping, tip_up
+from twin_diagram.runs.learning.which_first import which_first
 from twin_diagram.runtime import stopping
 from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
@@ -149,8 +149,8 @@ class Learner:
         self.record.save(self.state)
         write_gallery(self.record, self.state)
 
-    def _next(self) -> tuple[Picture, SeenThing, list[SeenThing]] | None:
-        """Return a picture of the bin, what is to be taken next, and all that lies there; None: nothing is left."""
+    def _next(self) -> tuple[Picture, SeenThing, picking.Reach | None] | None:
+        """Return a picture of the bin, what is to be taken next, and a grasp of it; None: nothing is left."""
         if self.state.finished:
             return None
         handling.keep_clear(self.tools, self._standing())  # a run that goes on begins over the last one put away
@@ -161,15 +161,15 @@ class Learner:
             self.state.learned = [one for one in self.state.learned if one.state != "reported"]
             picture, things = handling.look_into_bin(self.tools, [])
         self._left = len(things)
-        return (picture, things[0], things) if things else None
+        return (picture, *which_first(self.tools, picture, things)) if things else None
 
-    def _handle(self, picture: Picture, thing: SeenThing, things: list[SeenThing]) -> None:
-        """Try to take a thing, and do with it all that is to be done."""
+    def _handle(self, picture: Picture, thing: SeenThing, known: picking.Reach | None) -> None:
+        """Try to take a thing, at first in a known grasp, and do with it all that is to be done."""
         name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
         picked, failed = Picked(thing), list[Array]()
         for attempt in range(self.tools.learning.tries):
             with self._stage(name, "pick") as told:
-                picked = handling.pick(self.tools, thing, picture, attempt, failed)
+                picked = handling.pick(self.tools, thing, picture, attempt, failed, None if attempt else known)
                 told["outcome"] = "taken" if picked.taken else picked.why
                 failed += [] if picked.failed is None else [picked.failed]
             if picked.taken is not None:
@@ -264,7 +264,7 @@ class Learner:
                 told["outcome"] = "shown" if handling.show_again(self.tools, shown, firm) else "not taken again"
                 told.update(seen_so_far(shown))
         except NoWay as why:
-            if self.tools.cell.opening < PICKING.empty or not self.tools.cell.shut:
+            if self.tools.cell.opening < picking.TUNING.empty or not self.tools.cell.shut:
                 raise NothingHeld(f"it was set down, and then: {why}") from why
             shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
             return False

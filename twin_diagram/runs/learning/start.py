@@ -9,12 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from twin_diagram.errors import ScenarioError, TwinError
+from twin_diagram.errors import ModelError, ScenarioError, TwinError
+from twin_diagram.model.description import add_arm
 from twin_diagram.model.model import Model
 from twin_diagram.runs.learning.cell import Observer, told_camera
 from twin_diagram.runs.learning.contact_count import ContactCount, Watchers
+from twin_diagram.runs.learning.display import TUNING as DISPLAY
+from twin_diagram.runs.learning.display import tool_at
 from twin_diagram.runs.learning.finishing import finish, in_words
 from twin_diagram.runs.learning.gallery import write_gallery
+from twin_diagram.runs.learning.handling import Tools
 from twin_diagram.runs.learning.pipeline import Learner, tools_of
 from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.shape_worker import FRAMES, make_shape
@@ -30,8 +34,8 @@ def check_cell(scenario: Scenario) -> Learning:
     """Return what a scenario says of learning, checked against its cameras.
 
     Raises:
-        ScenarioError: its station is not the simulated one, it says nothing or what cannot be, or a camera
-            sees neither bin nor platform; it names the field.
+        ScenarioError: its station is not the simulated one, it says nothing or what cannot be, its arm cannot be read
+            or has no gripper, or a camera sees neither bin nor platform; it names the field.
     """
     twin = scenario.twin
     if scenario.station != "sim":
@@ -42,6 +46,12 @@ def check_cell(scenario: Scenario) -> Learning:
     learning = twin.learning
     if learning is None:
         raise ScenarioError("twin.learning", "is missing: it tells the bins, the platform and the cameras")
+    try:
+        fingers = Model.load(twin.arm, dict(scenario.packages)).arm.gripper_joint_indices
+    except ModelError as error:
+        raise add_arm.scenario_error("twin.arm", error) from error
+    if not fingers:
+        raise ScenarioError("twin.arm.model", f"{twin.arm.model} has no gripper to take objects with")
     platform = [[*learning.platform[0][:2], learning.platform[1][2]], learning.platform[1]]
     for field, box in (("bin_camera", learning.from_bin), ("scan_camera", platform)):
         name = getattr(learning, field)
@@ -55,6 +65,20 @@ def check_cell(scenario: Scenario) -> Learning:
                 f"twin.cameras.{name}.X_WC", f"the camera does not see {what} at {middle.round(3).tolist()}"
             )
     return learning
+
+
+def check_display(tools: Tools) -> None:
+    """Refuse a place to show objects at that the empty arm does not reach: each would be let fall unlearned.
+
+    Raises:
+        ScenarioError: it does not, however the tool is tilted.
+    """
+    tilts = (*DISPLAY.tilts, *DISPLAY.more_tilts)
+    if not any(len(tools.mover.goals(tool_at(tools.learning, tilt), tools.home)) for tilt in tilts):
+        raise ScenarioError(
+            "twin.learning.display",
+            f"{list(tools.learning.display)}: the fingers do not get there, or touch something; give another place",
+        )
 
 
 @one_thread()
@@ -88,6 +112,7 @@ def learn(
             held.enter_context(record.alone(new=False))
         state = record.resume() if resume else None
         tools = tools_of(scenario, learning)  # what cannot be built leaves no folder behind
+        check_display(tools)
         if state is None:
             held.enter_context(record.alone(new=True))
             state = record.begin()

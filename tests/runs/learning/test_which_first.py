@@ -1,0 +1,64 @@
+"""Which thing of a heap is taken first: the highest one that can be taken for sure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twin_diagram.runs.learning import which_first as tried
+from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.picking import Reach
+from twin_diagram.runs.learning.which_first import which_first
+
+TOOLS: Any = SimpleNamespace(learning=None, faces=None, robot=None)
+
+
+def square(row: int, height: float) -> SeenThing:
+    """What fills ten rows of a picture from one on, ten pixels wide."""
+    rows, columns = np.meshgrid(np.arange(row, row + 10), np.arange(10), indexing="ij")
+    pixels = np.column_stack([rows.ravel(), columns.ravel()])
+    points = np.column_stack([0.01 * pixels, np.full(100, height)])
+    return SeenThing(points, np.zeros_like(points), pixels, np.zeros(3))
+
+
+def asked(
+    monkeypatch: pytest.MonkeyPatch, things: list[SeenThing], sure: list[bool | None]
+) -> tuple[SeenThing, Reach | None, list[int]]:
+    """Choose among things of which sure grasps, others (False), or none at all are reached; and whom was looked at."""
+    looked: list[int] = []
+
+    def grasp(tools: Any, thing: SeenThing, others: Sequence[SeenThing]) -> tuple[Reach | None, str]:
+        k = next(k for k, one in enumerate(things) if one is thing)
+        looked.append(k)
+        nowhere, told = np.zeros((2, 7)), sure[k]
+        return (None if told is None else Reach(k, np.eye(4), nowhere, nowhere, sure=told)), ""
+
+    monkeypatch.setattr(tried, "grasp_of", grasp)
+    monkeypatch.setattr(tried, "lying", lambda *told: things)
+    return *which_first(TOOLS, SimpleNamespace(), things), looked  # type: ignore[arg-type]
+
+
+def test_the_highest_goes_first_where_it_is_held_for_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    things = [square(0, 0.1), square(30, 0.05)]
+    thing, reach, looked = asked(monkeypatch, things, [True, True])
+    assert thing is things[0] and reach is not None and looked == [0], "no other is looked at"
+
+
+def test_what_is_held_for_sure_goes_before_what_tips_of_pads_may_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    things = [square(0, 0.1), square(30, 0.06), square(60, 0.05)]
+    thing, reach, _ = asked(monkeypatch, things, [False, None, True])
+    assert thing is things[2] and reach is not None and reach.sure
+    thing, reach, _ = asked(monkeypatch, things, [False, None, False])
+    assert thing is things[0] and reach is not None and reach.grasp == 0, "the highest, where none is sure"
+    thing, reach, _ = asked(monkeypatch, things, [None, None, False])
+    assert thing is things[0] and reach is None
+
+
+def test_what_lies_below_another_is_not_drawn_from_under_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    things = [square(0, 0.1), square(10, 0.05)]
+    thing, _, looked = asked(monkeypatch, things, [False, True])
+    assert thing is things[0] and looked == [0]
