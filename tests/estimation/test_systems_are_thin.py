@@ -98,6 +98,26 @@ def test_a_filter_says_what_the_same_filter_says_by_hand() -> None:
     assert ekf.counters()["camera"]["accepted"] == 4 and ekf.counters()["torque"]["accepted"] == 1
 
 
+def test_a_filter_without_further_sensors_keeps_times_alone_and_says_the_same() -> None:
+    """Its arm's messages are never fused late, so nobody asks for steps as they were linearised."""
+    params = Filter(parameters=["torque_bias"])
+    system, ekf = AdaptiveEkf(ARM, params), Ekf(ARM, params)
+    context = system.CreateDefaultContext()
+    for k in (0, 1, 2, 3, 3, 4, 5):
+        q, v, tau, t = message(k)
+        fix(system, context, position_measured=q, velocity_estimated=v, torque_measured=tau, measurement_time=t)
+        ekf.observe(q, v, tau, t)
+        tick(system, context, t)
+        np.testing.assert_array_equal(system.belief(context).vector, ekf.belief.vector)
+    assert system.counters(context)["accepted"] == 5 and system.counters(context)["stale"] == 1
+    fix(system, context, measurement_time=message(2)[3])
+    tick(system, context, message(5)[3])
+    assert system.counters(context)["stale"] == 2  # too old for it, where a history as a whole would take it in
+    kept, whole = system.ekf.history, ekf.history
+    assert kept.count == 1 and kept.knows(message(5)[3]) and not kept.knows(message(4)[3])
+    assert whole.state(0)[2].any() and not kept.state(0)[2].any()
+
+
 @pytest.mark.parametrize(
     ("ahead", "accepted", "invalid", "stale"),
     [(0.249, 1, 0, 0), (0.251, 0, 1, 0), (-5.0, 0, 0, 1), (np.nan, 0, 0, 0), (-1.5, 0, 0, 0)],

@@ -361,6 +361,24 @@ def test_the_arm_is_held_until_the_goal_counts_and_then_moves(mpc: Mpc) -> None:
     np.testing.assert_allclose(position(mpc, context), trajectory.position(0.52))
 
 
+def test_what_is_foreseen_goes_on_from_the_goal_where_a_way_on_is_known(mpc: Mpc) -> None:
+    simulator = Simulator(mpc)
+    context = simulator.get_mutable_context()
+    connect(mpc, context)
+    simulator.Initialize()
+    simulator.AdvanceTo(0.5)
+    memory = mpc.memory(context)
+    rests = replace(
+        memory, trajectory=replace(memory.trajectory, q0=HOME, v0=0 * HOME, accelerations=np.zeros((16, 7)))
+    )
+    rests = replace(rests, offset=0 * HOME, route=Route(Aim.GOAL, HOME[None]))
+    on = replace(rests, next_goal=GOAL, beyond=np.stack([HOME + 0.2, HOME + 0.1]))
+    for then, foreseen in ((rests, HOME), (on, HOME + 0.1)):
+        context.SetDiscreteState(0, then.pack())
+        np.testing.assert_allclose(mpc.GetOutputPort("position_planned").Eval(context), foreseen, atol=0.05)
+        np.testing.assert_array_equal(position(mpc, context), HOME)
+
+
 def test_nothing_is_planned_before_the_first_message(mpc: Mpc) -> None:
     simulator = Simulator(mpc)
     context = simulator.get_mutable_context()

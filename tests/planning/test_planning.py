@@ -376,6 +376,15 @@ def test_links_that_cannot_leave_the_table_do_not_count(scene: Scene) -> None:
 # Trajectories.
 
 
+def test_a_trajectory_works_its_knots_out_once() -> None:
+    """And who asks for them may write to what it gets."""
+    motion = Trajectory(2.0, 0.1, np.ones(3), np.zeros(3), np.random.default_rng(0).normal(size=(5, 3)))
+    first = motion.knots
+    first[:] = 7.0
+    assert motion._knots is motion._knots and not (motion.knots == 7.0).any()
+    np.testing.assert_allclose(motion.knots[:, 0], [motion.position(2.0 + 0.1 * k)[0] for k in range(5)], rtol=1e-12)
+
+
 @given(seeds, st.integers(4, 20), st.floats(0.02, 0.3))
 def test_trajectories_are_linear_in_their_accelerations(seed: int, knots: int, step: float) -> None:
     rng = np.random.default_rng(seed)

@@ -13,7 +13,7 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram.model.model import Model
-from twin_diagram.planning.preview import AHEAD, RATE, REMEMBERED, Foresight, Preview
+from twin_diagram.planning.preview import AHEAD, RATE, REMEMBERED, SETS_OFF, Foresight, Preview
 from twin_diagram.signals.arrays import Array
 
 HOME = np.array([0.0, 0.1, 0.0, -2.0, 0.0, 2.1, 0.8])
@@ -176,6 +176,22 @@ def test_what_a_plan_says_on_its_way_is_surer_than_that_it_will_rest(panda: Mode
     simulator.AdvanceTo(19.0)
     going = seen(preview, simulator.get_context())[1][0, 0]
     assert resting > 4.0 * going
+
+
+def test_an_arm_that_rests_may_be_told_to_go() -> None:
+    """What was right while it rested says nothing of when a step begins; on its way it is as sure as it was."""
+    reach, still = np.array([0.6, 1.2]), np.zeros((2, 2))
+    kept = Foresight.begin(2)
+    first = kept.learned(np.zeros(2), still).square(still, np.zeros(2), reach)
+    assert np.trace(first) == pytest.approx(SETS_OFF**2 * reach @ reach)
+    seconds = 3
+    for _ in range(round((AHEAD + seconds) * RATE)):
+        kept = kept.learned(np.zeros(2), still)
+    later = kept.square(still, np.zeros(2), reach)
+    assert np.trace(later) == pytest.approx(np.trace(first) / (1 + seconds))
+    assert not kept.square(still, np.zeros(2)).any(), "nobody tells it to go"
+    going = np.ones((2, 2))
+    np.testing.assert_array_equal(kept.square(going, np.zeros(2), reach), kept.square(going, np.zeros(2)))
 
 
 def test_two_contexts_do_not_meet_and_angles_count_anew_in_one(panda: Model) -> None:

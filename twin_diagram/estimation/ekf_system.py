@@ -187,6 +187,7 @@ class AdaptiveEkf(ModelUser[Ekf]):
         ekf = Ekf(model, self._params)
         for spec in self._params.sensors:
             ekf.add(make_sensor(ekf.terms, spec))
+        ekf.history.whole = bool(self._params.sensors)  # only then can anything arrive late
         return ekf
 
     @timed("AdaptiveEkf")

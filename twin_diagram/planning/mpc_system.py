@@ -21,6 +21,7 @@ from twin_diagram.planning.collision.collision_scene import holders, load_scene,
 from twin_diagram.planning.collision.held_shape import at_rest, obstacles_beside
 from twin_diagram.planning.given import check_kinds
 from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload
+from twin_diagram.planning.mpc.asking_ahead import going_on
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
@@ -92,7 +93,8 @@ class Mpc(ModelUser[Model]):
             a corrected model needs beyond the given one to hold still.
         plan: (knots · n) the plan's knots from now on, row by row [rad].
         plan_time: (1) when the plan was made, or last found better than any other [s]; `NEVER` before the first.
-        position_planned: (n) where the plan is `preview.AHEAD` from now [rad].
+        position_planned: (n) where the plan is `preview.AHEAD` from now [rad]; where it will have been at `goal` by
+            then and a way on to `next_goal` is known, where that is.
         reach: (1) how many joint positions are known that put the tool at the goal; `NEVER` where there is none.
 
     Rate: plans at `planner.rate`, a periodic update. It comes right after the scene-graph updater's tick that
@@ -319,7 +321,10 @@ class Mpc(ModelUser[Model]):
         output.SetFromVector(self._planned(context, 0.0))
 
     def _calc_planned(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._planned(context, AHEAD))
+        found, vector = None, self._vector(context)
+        if Memory.way_on_in(vector, self._n, self._knots):
+            found = going_on(self.planner.guide, self.memory(context), context.get_time(), AHEAD)
+        output.SetFromVector(self._planned(context, AHEAD) if found is None else found)
 
     def _planned(self, context: Context, ahead: float) -> Array:
         """Return where the plan is (n,) so much [s] from now: before the first, where the arm is."""

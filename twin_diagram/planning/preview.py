@@ -18,6 +18,9 @@ RATE: Final = 15.0
 SLOW: Final = 0.02
 """An arm none of whose joints is foreseen to go faster rests [rad/s, m/s]: a hundredth of what arms do at their
 fastest, ten times what plans creep by at their goals."""
+SETS_OFF: Final = 1.0 / 3.0
+"""How far joints go at most that may set off at any time within that second, in the root mean square, of what they go
+at their greatest speed: √(1/3) as they may begin at any time, √0.3 as on a way of seven joints one alone is so fast."""
 REMEMBERED: Final = 10.0
 """Errors are averaged over this long [s]: some motions, so that those of one do not pass for all."""
 
@@ -56,15 +59,24 @@ class Foresight:
         """Return whether a plan (2, n), `foreseen` now, is on its way: since so many previews ago it moved on."""
         return bool(np.abs(foreseen[0] - self.waiting[-back, 0]).max() * RATE > back * SLOW)
 
-    def square(self, foreseen: Array, q: Array) -> Array:
+    def square(self, foreseen: Array, q: Array, reach: Array | None = None) -> Array:
         """Return the mean square (n, n) of the errors of such a preview made at q (n,).
 
         Before one like it came due it may be off by the whole way. In which directions they are off is known as well as
-        there were motions, of a second each: until there are more of these than joints, mostly by their size.
+        there were motions, of a second each: until there are more of these than joints, mostly by their size. An arm
+        that rests may be told to go at any time: as if it had been, for a second, beside what was seen.
+
+        Args:
+            foreseen: (2, n) the preview [rad].
+            q: (n,) where the arm is [rad].
+            reach: (n,) how far joints go in `AHEAD` at most [rad]; None: nobody tells them to go.
         """
         kind, n = int(self.goes_on(foreseen, back=2)), len(q)  # the last preview may be of this very moment
         way = foreseen[self.better] - q
         square = self.squares[kind, self.better] if self.counts[kind] else np.outer(way, way)
+        if kind == 0 and reach is not None:
+            one = AHEAD * RATE
+            square = (self.counts[0] * square + one * np.diag((SETS_OFF * reach) ** 2)) / (self.counts[0] + one)
         motions = min(self.counts[kind] / RATE, REMEMBERED) / AHEAD
         even = n / (n + motions)
         return np.asarray((1.0 - even) * square + even * np.trace(square) / n * np.eye(n))
@@ -115,26 +127,34 @@ class Preview(LeafSystem):
     Ports:
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
         covariance: ((2n + p)²) of [q, v, θ], row by row.
-        position_planned: (n) where the plan is `AHEAD` from now [rad]. Not connected: where the arm is.
+        position_planned: (n) where the plan, or the way on from its goal, is `AHEAD` from now [rad]. Not connected:
+            where the arm is.
         measurement_time: (1) time of the arm's newest message [s]; before there is one nothing is learned.
         position_previewed: (n) where the arm will be `AHEAD` from now [rad]: by the plan, or moved on at the speed that
             it has, within its joints' limits, whichever has been nearer of late. An arm that something else moves
             follows no plan.
         preview_covariance: (n²) of that, row by row: the mean square of the errors that such previews had of late, of
             an arm that rests by then or is on its way, and what the filter is not sure of. Before one comes due, it may
-            be off by the whole way.
+            be off by the whole way; one that rests may be told to go, see `Foresight.square`.
 
     Rate: previews are kept at `RATE`. Latency: none.
 
     State: discrete: how many came due, the mean squares of errors, and the previews that are not due yet.
     """
 
-    def __init__(self, model: Model, covariance_size: int) -> None:
-        """`covariance_size` is that of the port."""
+    def __init__(self, model: Model, covariance_size: int, speed: Array | None = None) -> None:
+        """Size the ports.
+
+        Args:
+            model: the arm.
+            covariance_size: of the port.
+            speed: (n,) of joints that are told to go at any time [rad/s]; None: nobody tells them.
+        """
         super().__init__()
         self.set_name("preview")
         n = self._n = len(model.joints)
         self._lower, self._upper = model.lower, model.upper
+        self._reach: Final = None if speed is None else AHEAD * speed
         self._size = round(np.sqrt(covariance_size))
         self._arm_in = self.DeclareVectorInputPort("arm_state", 2 * n)
         self._covariance_in = self.DeclareVectorInputPort("covariance", covariance_size)
@@ -171,6 +191,6 @@ class Preview(LeafSystem):
 
     def _calc_covariance(self, context: Context, output: BasicVector) -> None:
         n, q = self._n, cast(Array, self._arm_in.Eval(context))[: self._n]
-        square = self._kept(context).square(self._foreseen(context), q)
+        square = self._kept(context).square(self._foreseen(context), q, self._reach)
         P = cast(Array, self._covariance_in.Eval(context)).reshape(self._size, self._size)
         output.SetFromVector((square + P[:n, :n]).ravel())

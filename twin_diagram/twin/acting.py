@@ -72,9 +72,11 @@ def connect_task(
         builder.ExportOutput(runner.GetOutputPort(name), f"task.{name}")
 
 
-def add_preview(builder: DiagramBuilder, model: Model, ekf: System, controller: System) -> Preview:
+def add_preview(builder: DiagramBuilder, twin: scenario.Twin, model: Model, ekf: System, controller: System) -> Preview:
     """Add what foresees the arm, by the controller's plan where it has one, and show what it says."""
-    preview = builder.AddNamedSystem("preview", Preview(model, ekf.GetOutputPort("covariance").size()))
+    told = twin.planner.velocity_share * np.where(np.isfinite(model.velocity_limit), model.velocity_limit, np.pi)
+    made = Preview(model, ekf.GetOutputPort("covariance").size(), told)
+    preview = builder.AddNamedSystem("preview", made)
     connect_ports(builder, ekf, preview, "arm_state", "covariance")
     if controller.HasOutputPort("position_planned"):
         connect_ports(builder, controller, preview, "position_planned")

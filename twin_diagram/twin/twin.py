@@ -264,7 +264,7 @@ def make_twin(
     goal, runner = add_task(builder, twin, packages, model, library, scene)
     health = builder.AddNamedSystem("health_monitor", HealthMonitor(twin))
     monitor = named("twin", lambda: add_stop_monitor(builder, twin, model, library, packages, parameter_names))
-    preview = add_preview(builder, model, ekf, moves)
+    preview = add_preview(builder, twin, model, ekf, moves)
     _take_measurements(builder, offset, ekf, *filter(None, (drift, moves, health, runner, monitor, preview)))
     connect_task(builder, runner, ekf, updater, moves)
     _connect(builder, ekf, updater, "arm_state")

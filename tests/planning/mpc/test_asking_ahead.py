@@ -9,11 +9,11 @@ import pytest
 
 from twin_diagram import scenario
 from twin_diagram.planning.collision.collision_scene import load_scene
-from twin_diagram.planning.mpc.asking_ahead import question_ahead
+from twin_diagram.planning.mpc.asking_ahead import going_on, question_ahead
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.paths.guide import Answer, Question
-from twin_diagram.planning.paths.route import Aim
+from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.planning.paths.searching import Searcher
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import Hand
@@ -76,6 +76,24 @@ def test_a_way_on_is_asked_for_once_and_gone_when_its_goal_comes(asked: Asked, m
     X_WT = chain.tool(chain.place(memory.route.points[-1:]))[0]
     np.testing.assert_allclose(X_WT[:3, 3], TURNED[4:], atol=1e-4)
     assert not memory.next_goal.any() and not len(memory.beyond)
+
+
+def test_an_arm_is_foreseen_to_rest_at_its_goal_and_go_on_the_way_that_was_found(asked: Asked) -> None:
+    guide, params = asked.planner.guide, asked.planner.params
+    memory = ticks(asked, asked.planner.initial(HOME), HERE, THERE, 12)
+    now = 12 / params.rate
+    assert len(memory.beyond) == 2 and Memory.way_on_in(memory.pack(), 7, params.knots)
+    q, v, _ = (part[0] for part in memory.trajectory.at(np.array([now])))
+    rests = guide.router.travel(q - memory.offset, memory.route, v).duration
+    assert going_on(guide, memory, now, rests) is None, "the plan knows better"
+    begun = going_on(guide, memory, now, rests + 0.01)
+    there = going_on(guide, memory, now, rests + 30.0)
+    assert begun is not None and there is not None
+    np.testing.assert_allclose(begun, memory.route.points[-1], atol=1e-2)
+    np.testing.assert_array_equal(there, memory.beyond[-1])
+    nowhere = replace(memory, beyond=memory.beyond[:0])
+    assert going_on(guide, nowhere, now, 30.0) is None and not Memory.way_on_in(nowhere.pack(), 7, params.knots)
+    assert going_on(guide, replace(memory, route=Route.none(7)), now, 30.0) is None
 
 
 def test_another_goal_than_the_one_foretold_is_gone_to_as_ever(asked: Asked) -> None:

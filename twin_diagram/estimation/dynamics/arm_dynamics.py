@@ -10,9 +10,10 @@ inertia of the last link, so that M, b and every derivative hold it without furt
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -58,6 +59,11 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+_EYE: Final = np.eye(3)
+"""Not to be changed."""
+_LEAST_MASS: Final = float(np.finfo(float).tiny)
+"""Of the last link with its payload [kg]: what is divided by it stays finite."""
 
 
 class ArmTerms:
@@ -237,16 +243,19 @@ class ArmTerms:
         self._payload = told
         mass = max(float(payload[0]), 0.0)
         centre: Array = np.zeros(3)
+        square = 0.0
         if mass > 0.0:
             centre = payload[1:4] / mass
-            reach = float(np.linalg.norm(centre))
+            square = float(centre @ centre)
+            reach = math.sqrt(square)
             if reach > self._farthest:
                 centre = centre * (self._farthest / reach)
-        total = max(self._mass0 + mass, np.finfo(float).tiny)
-        inertia = self._inertia0 + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+                square = float(centre @ centre)
+        total = max(self._mass0 + mass, _LEAST_MASS)
+        inertia = self._inertia0 + mass * (square * _EYE - centre[:, None] * centre)
         centre = (self._moment0 + mass * centre) / total
-        inertia /= total
-        unit = UnitInertia(inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = (inertia / total).tolist()
+        unit = UnitInertia(xx, yy, zz, xy, xz, yz)
         self._link.SetSpatialInertiaInBodyFrame(
             self._context, SpatialInertia(total, centre, unit, skip_validity_check=True)
         )

@@ -42,6 +42,8 @@ class History:
     Attributes:
         capacity: steps kept.
         vector: all of it.
+        whole: whether steps are kept as they were linearised, with their readings. Else their times alone are, by which
+            a message seen before is told from a new one: where no reading can be late nobody asks for more.
     """
 
     def __init__(self, n: int, p: int, size: int, capacity: int) -> None:
@@ -54,6 +56,7 @@ class History:
             capacity: steps kept.
         """
         self.n, self.p, self.size, self.capacity = n, p, size, capacity
+        self.whole = True
         N, L = size, capacity
         shapes = [(L,), (L,), (L,), (L, n), (L, n), (L, n, N), (L, p), (L, N), (L, N), (L, N, N), (L, N, N), (L, N, N)]
         shapes.append((L, N, N + 1))
@@ -90,7 +93,8 @@ class History:
     def begin(self, t: float, x: Array, P: Array) -> None:
         """Start anew from a state."""
         self.clear()
-        self.push(t, 0.0, x, np.zeros(self.n), np.zeros(self.n), None, None, None)
+        none = np.zeros(self.n)
+        self.push(t, 0.0, x, none, none, None, None, None)
         self.settle(x, P)
 
     def push(
@@ -118,7 +122,10 @@ class History:
         """
         at = self._index(-1)
         self._at[0], self._at[1] = at, min(self._at[1] + 1, self.capacity)
-        self._time[at], self._dt[at], self._rows[at] = t, dt, 0.0
+        self._time[at] = t
+        if not self.whole:
+            return
+        self._dt[at], self._rows[at] = dt, 0.0
         self._predicted[at], self._acceleration[at], self._steady[at], self._room[at] = x, acceleration, steady, 0.0
         if by is not None and F is not None and Q is not None:
             self._by[at], self._F[at], self._Q[at] = by, F, Q
@@ -129,16 +136,19 @@ class History:
 
     def settle(self, x: Array, P: Array) -> None:
         """Store the mean (N,) and covariance (N, N) after all that the newest step's readings said."""
-        at = int(self._at[0])
-        self._x[at], self._P[at] = x, P
+        if self.whole:
+            at = int(self._at[0])
+            self._x[at], self._P[at] = x, P
 
     def widen(self, added: Array) -> None:
         """Add noise (N, N) in the newest step than its prediction knew."""
-        self._Q[int(self._at[0])] += added
+        if self.whole:
+            self._Q[int(self._at[0])] += added
 
     def opened(self, room: Array) -> None:
         """Keep that the parameters' covariance was opened after the newest step, by prior ∘ room roomᵀ, room (p,)."""
-        self._room[int(self._at[0])] = room
+        if self.whole:
+            self._room[int(self._at[0])] = room
 
     def read(self, H: Array, R: Array, linear: Array, back: int = 0) -> None:
         """Add a reading to a step.
@@ -149,6 +159,8 @@ class History:
             linear: (m,) innovation + H x̂: the reading, had the sensor been linear.
             back: which step; 0 is the newest.
         """
+        if not self.whole:
+            return
         at = self._index(back)
         factor, _ = lapack.dpotrf(R, lower=1)
         white, _ = lapack.dtrtrs(factor, np.column_stack([H, linear]), lower=1)

@@ -10,6 +10,7 @@ from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.paths.guide import Guide, Question
 from twin_diagram.planning.paths.inverse_kinematics import IkTuning
+from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.pose_vectors import errors
@@ -54,6 +55,27 @@ def question_ahead(guide: Guide, memory: Memory, question: Question, after: Arra
     if hand:  # what it lifts off its support it will have lifted
         hand = replace(Hand.unpack(np.frombuffer(hand)), on_support=False, support=NOTHING).pack().tobytes()
     return replace(question, q=end, goal=after.copy(), goals=memory.goals[:0], more_goals=True, hand=hand)
+
+
+def going_on(guide: Guide, memory: Memory, now: float, ahead: float) -> Array | None:
+    """Return where an arm is (n,) [rad] that will have rested at its goal and go on from there by then.
+
+    None where it is still on its way to the goal then, or no way on is known.
+
+    Args:
+        guide: whose limits count.
+        memory: with the way to the goal, and the way on that was found.
+        now: time [s].
+        ahead: how much later [s].
+    """
+    if not (len(memory.beyond) and memory.route.to_goal):
+        return None
+    q, v, _ = (part[0] for part in memory.trajectory.at(np.array([now])))
+    left = ahead - guide.router.travel(q - memory.offset, memory.route, v).duration
+    if left <= 0.0:
+        return None
+    on = guide.router.travel(memory.route.points[-1], Route(Aim.GOAL, memory.beyond))
+    return np.asarray(on.at(np.array([left]))[0])
 
 
 def answered(memory: Memory, points: Array) -> Memory:

@@ -126,6 +126,11 @@ class Memory:
         return bool(vector[-2])
 
     @staticmethod
+    def way_on_in(vector: Array, n: int, knots: int) -> bool:
+        """Return whether a packed vector holds a way on to the goal after its goal."""
+        return bool(vector[_parts(n, knots)[_FOUND].start])
+
+    @staticmethod
     def proved_at(vector: Array) -> float:
         """Return when the plan of a packed vector was made, or last found better than any other [s]."""
         return max(float(vector[0]), float(vector[-1]))
@@ -152,6 +157,10 @@ class Memory:
             beyond.reshape(TUNING.way_points, n)[: int(found[0])],
             pending,
         )
+
+
+_FOUND: Final = 8
+"""Which of `_parts` tells how many way points to the next goal were found."""
 
 
 @cache

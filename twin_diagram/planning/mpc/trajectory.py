@@ -7,6 +7,7 @@ A (N, n), with the same coefficients for each joint, which is what makes the opt
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -44,10 +45,11 @@ class Trajectory:
     @property
     def knots(self) -> Array:
         """(N, n) positions at the knots [rad]."""
-        q, _ = self._knots()
-        return q
+        return self._knots[0].copy()
 
+    @cached_property
     def _knots(self) -> tuple[Array, Array]:
+        """Positions and velocities at the knots, (N, n) each, not to be written to: a tick asks a dozen times."""
         a, h = self.accelerations, self.step
         v = np.vstack([self.v0, self.v0 + np.cumsum(h / 2 * (a[:-1] + a[1:]), axis=0)])
         rise = h * v[:-1] + h * h * (a[:-1] / 3 + a[1:] / 6)
@@ -55,7 +57,7 @@ class Trajectory:
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
         """Return the position, velocity and acceleration at `times` (M,), each (M, n)."""
-        q, v = self._knots()
+        q, v = self._knots
         last = len(self.accelerations) - 1
         passed = np.clip((np.asarray(times, dtype=float) - self.start) / self.step, 0.0, last)
         i = np.minimum(passed.astype(int), last - 1)
