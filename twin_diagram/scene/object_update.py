@@ -30,6 +30,7 @@ from twin_diagram.scene.object_filter import (
     initial_filters,
     propagate,
 )
+from twin_diagram.scene.taken_over import Motion
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, PoseMeasurement
@@ -112,7 +113,12 @@ def usable(measurement: PoseMeasurement, last_seen: float, now: float) -> bool:
 
 
 def update(
-    filter_: Array, measurement: PoseMeasurement, now: float, tuning: FilterSettings, symmetric_about_z: bool = False
+    filter_: Array,
+    measurement: PoseMeasurement,
+    now: float,
+    tuning: FilterSettings,
+    symmetric_about_z: bool = False,
+    before: Motion | None = None,
 ) -> Array:
     """Return one object's filter after a measurement; the filter itself where the measurement is unusable.
 
@@ -122,6 +128,7 @@ def update(
         now: the present time, at or after the capture [s].
         tuning: see `FilterSettings`.
         symmetric_about_z: the object looks the same however it is turned about its own z axis.
+        before: how what nobody had recognised went there; None: it rested, or nothing was there.
     """
     if not usable(measurement, float(filter_[FilterLayout.LAST_SEEN]), now):
         return filter_
@@ -130,8 +137,8 @@ def update(
     claimed, scale = _symmetric(measurement.covariance), filter_[FilterLayout.NOISE_SCALE]
     noise = scale * claimed + np.diag(tuning.floor * TUNING.scatter_share**2)
     mode = filter_[FilterLayout.MODE]
-    if mode == Mode.NONE or time - filter_[FilterLayout.LAST_SEEN] > tuning.lost_after:
-        return at_rest(time, pose, noise)
+    if begins_anew(filter_, time, tuning):
+        return at_rest(time, pose, noise) if before is None else under_way(time, pose, noise, before)
 
     belief = propagate(filter_[None], time, tuning)
     predicted, velocity, covariance = belief.poses[0], belief.velocities[0], belief.covariances[0]
@@ -182,6 +189,25 @@ def moved(pose: Array, perturbation: Array) -> Array:
     """Return (7,) the pose with a perturbation (φ, δp) applied."""
     q = rotations.normalized(rotations.multiply(rotations.exp(perturbation[:3]), pose[:4]))
     return np.concatenate([q, pose[4:] + perturbation[3:]])
+
+
+def begins_anew(filter_: Array, time: float, tuning: FilterSettings) -> bool:
+    """Tell whether a measurement at a time [s] would be the first that a filter knows of."""
+    lost = time - filter_[FilterLayout.LAST_SEEN] > tuning.lost_after
+    return bool(filter_[FilterLayout.MODE] == Mode.NONE or lost)
+
+
+def under_way(time: float, pose: Array, covariance: Array, motion: Motion) -> Array:
+    """Return the filter (FILTER_SIZE,) of an object that is under way at a time [s], at a pose (7) known by (6, 6)."""
+    after = at_rest(time, pose, covariance)
+    after[FilterLayout.MODE] = Mode.MOVING
+    after[FilterLayout.VELOCITY.start + 3 : FilterLayout.VELOCITY.stop] = motion.velocity
+    after[FilterLayout.MEAN] = after[FilterLayout.VELOCITY]
+    after[FilterLayout.CALM] = -TUNING.calm_images  # its turning is not known yet
+    whole = after[FilterLayout.COVARIANCE].reshape(12, 12)
+    whole[VELOCITY_INDEX[:3], VELOCITY_INDEX[:3]] = _SLOW_START[:3]
+    whole[VELOCITY_INDEX[3:], VELOCITY_INDEX[3:]] = motion.variance
+    return after
 
 
 def at_rest(time: float, pose: Array, covariance: Array) -> Array:

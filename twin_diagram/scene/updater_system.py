@@ -16,6 +16,7 @@ from twin_diagram.scenario.poses import pose
 from twin_diagram.scene import object_events, object_filter, object_life, object_update
 from twin_diagram.scene.object_filter import FilterLayout
 from twin_diagram.scene.object_life import LifeLayout
+from twin_diagram.scene.taken_over import Motion, motion_before
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -30,7 +31,14 @@ from twin_diagram.signals.calibration_error import (
 from twin_diagram.signals.hand import HAND_SIZE, NOTHING, Hand
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, TRACK_SIZE, ObjectStatus, PoseMeasurement
 from twin_diagram.signals.lens import Lens
-from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE, carried
+from twin_diagram.signals.things import (
+    FURTHER_MEASUREMENT_SIZE,
+    FURTHER_TRACK_SIZE,
+    OWNER_SIZE,
+    THING_SIZE,
+    carried,
+    things_of,
+)
 
 
 class SceneGraphUpdater(LeafSystem):
@@ -180,7 +188,9 @@ class SceneGraphUpdater(LeafSystem):
             if lives[k, LifeLayout.GONE_SINCE] >= 0.0 and object_update.usable(measurement, NEVER, now):
                 filters[k] = object_filter.initial_filters(1)[0]  # it is back, wherever it was
             symmetric = bool(self._scene.kinds[kind].axis[2] != 0)
-            filters[k] = object_update.update(filters[k], measurement, now, self._tuning, symmetric)
+            anew = object_update.begins_anew(filters[k], measurement.time, self._tuning)
+            before = self._before(context, measurement, self._scene.kinds[kind].radius) if anew else None
+            filters[k] = object_update.update(filters[k], measurement, now, self._tuning, symmetric, before)
             if tool is not None and hand is None:
                 lives[k] = object_life.along_with(lives[k], filters[k], tool, self._scene.kinds[kind].radius)
         for k in np.flatnonzero(lives[:, LifeLayout.HELD]) if tool is not None else ():
@@ -192,6 +202,13 @@ class SceneGraphUpdater(LeafSystem):
         for state, rows in ((self._filters, filters), (self._lives, lives), (self._assets, assets)):
             discrete.set_value(int(state), cast(Any, rows.ravel()))
         self._note(context, discrete, filters, lives, assets)
+
+    def _before(self, context: Context, measurement: PoseMeasurement, radius: float) -> Motion | None:
+        """Return how an object went that is found for the first time, while it was an unknown thing."""
+        if not self._things_in.HasValue(context):
+            return None
+        things = things_of(np.array(self._things_in.Eval(context)))
+        return motion_before(things, measurement.pose[4:], radius, measurement.time)
 
     def _heed(
         self,

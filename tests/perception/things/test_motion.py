@@ -161,3 +161,18 @@ def test_things_are_carried_on_for_a_while() -> None:
         np.testing.assert_allclose(now.shift, shift, atol=1e-12)
         np.testing.assert_allclose(now.velocity, speed, atol=1e-12)
         np.testing.assert_array_equal(now.pieces[0], piece)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_what_comes_into_view_goes_as_fast_as_it_does(side: float) -> None:
+    """The part of it that is seen goes half as fast at first, and its edge at the border not at all."""
+    v = np.array([0.0, -0.3 * side])
+    for seed in (4, 5):
+        watched, told = Watched(seed), []
+        for k in range(20):
+            place = np.array([0.45, 0.68 * side]) + v * max(0, k - 5) * PERIOD
+            told += [one for one in watched.see([standing(TALL, place, 0.3)]) if one.velocity.any()]
+        assert len(told) > 8
+        for one in told[1:]:
+            off = one.velocity[:2] - v
+            assert np.linalg.norm(off) < max(0.25 * 0.3, 3.5 * np.sqrt(one.velocity_variance)), (one.velocity, v)

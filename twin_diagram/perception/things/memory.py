@@ -20,6 +20,7 @@ from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.perception.segmentation.segmentation import level
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed, reach_at
+from twin_diagram.perception.things.flow import flow_since
 from twin_diagram.perception.things.hulls import few_corners, inside
 from twin_diagram.perception.things.motion import MOTION_SIZE, ShownMotion, shown_again, velocity_of
 from twin_diagram.perception.things.seen_through import looked_at, seen_through
@@ -247,7 +248,9 @@ def timed(slot: Remembered, own: Indices, segments: Segments) -> Remembered:
     motion = shown_again(slot.motion, own, segments)
     rows = slot.motion.rows
     recent = len(rows) > 0 and segments.time - rows[-1, 0] <= COAST
-    velocity, variance = velocity_of(motion, slot.thing.velocity if recent else np.zeros(3), segments)
+    before = slot.thing.velocity if recent else np.zeros(3)
+    surface = flow_since(slot.motion.views, own, segments, before) if recent else None
+    velocity, variance = velocity_of(motion, before, segments, surface)
     status = slot.thing.status
     if velocity.any() and status == ObjectStatus.TRACKED:
         status = ObjectStatus.MOVING

@@ -4,6 +4,10 @@ Along each of three axes an image shows a middle and two edges. A thing that mov
 turns, or that an arm hides more and more of, moves some of them, and not all one way. So the smallest shift counts, and
 only where all go one way; an edge that the image's border or something nearer cuts off is none. What may be noise is
 zero, as the data's own jitter tells.
+
+Of what comes into view little by little, one place stays where it is while the thing goes, and of what has just set off
+five images tell late. Where the thing's surface contradicts (see `flow`), that counts: it is less exact, and never
+blind.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ import numpy.typing as npt
 
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.things.flow import FLOW_SIZE, VIEWS, Flow, no_views, with_view
 from twin_diagram.perception.things.seen_through import TUNING as SEEN_THROUGH
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER
@@ -59,6 +64,13 @@ class Tuning:
     alike: float = 2.0
     """Shifts within so many standard deviations of each other are one: the smallest alone would be too small."""
 
+    contradicted: float = 25.9
+    """Squared difference from what the surface tells, over its variance, from which on the edges are wrong: 1 in
+    100,000 by chance, of three axes."""
+
+    unknown: float = 0.5
+    """Where neither tells, a velocity is taken to be what it was, to this [m/s]: few things on tables are faster."""
+
     fade: float = 0.3
     """Where no edge shows, a velocity is forgotten with this time constant [s]."""
 
@@ -69,7 +81,7 @@ ROWS: Final = 8
 """Images that are kept at the most."""
 _ROW: Final = 1 + 9 + 9
 """Time, then (3, 3) low edges, middles and high edges, then whether each counts."""
-MOTION_SIZE: Final = ROWS * _ROW + 9 + 1 + 1
+MOTION_SIZE: Final = ROWS * _ROW + 9 + 1 + 1 + FLOW_SIZE
 """A packed `ShownMotion`."""
 
 
@@ -82,25 +94,29 @@ class ShownMotion:
         jitter: (3, 3) variance of each of those [m²]; zero before the first image.
         count: how many images that is worth.
         most: points that the thing has shown at the most.
+        views: its surface in images before; see `flow`.
     """
 
     rows: Array = field(default_factory=lambda: np.zeros((0, _ROW)))
     jitter: Array = field(default_factory=lambda: np.zeros((3, 3)))
     count: float = 0.0
     most: int = 0
+    views: Array = field(default_factory=no_views)
 
     def pack(self) -> Array:
         """Return it as a vector of `MOTION_SIZE`."""
         rows = np.full((ROWS, _ROW), NEVER)
         rows[: len(self.rows)] = self.rows
-        return np.concatenate([rows.ravel(), self.jitter.ravel(), [self.count, float(self.most)]])
+        return np.concatenate([rows.ravel(), self.jitter.ravel(), [self.count, float(self.most)], self.views.ravel()])
 
     @staticmethod
     def unpack(vector: Array) -> ShownMotion:
         """Return the inverse of `pack`; copies."""
         rows = vector[: ROWS * _ROW].reshape(ROWS, _ROW)
-        jitter = vector[ROWS * _ROW : -2].reshape(3, 3).copy()
-        return ShownMotion(rows[rows[:, 0] >= 0.0].copy(), jitter, float(vector[-2]), int(vector[-1]))
+        jitter = vector[ROWS * _ROW : ROWS * _ROW + 9].reshape(3, 3).copy()
+        count, most = vector[ROWS * _ROW + 9 : ROWS * _ROW + 11]
+        views = vector[-FLOW_SIZE:].reshape(VIEWS, -1).copy()
+        return ShownMotion(rows[rows[:, 0] >= 0.0].copy(), jitter, float(count), int(most), views)
 
 
 def axes_of(segments: Segments) -> Array:
@@ -140,27 +156,51 @@ def shown_again(motion: ShownMotion, own: npt.NDArray[np.int64], segments: Segme
     before = motion.rows[motion.rows[:, 0] > segments.time - TUNING.window]
     rows = np.concatenate([before, row[None]])[-ROWS:]
     jitter, count = _jitter(motion, rows, points, segments)
-    return ShownMotion(rows, jitter, count, most)
+    return ShownMotion(rows, jitter, count, most, with_view(motion.views, own, segments))
 
 
-def velocity_of(motion: ShownMotion, before: Array, segments: Segments) -> tuple[Array, float]:
+def velocity_of(
+    motion: ShownMotion, before: Array, segments: Segments, surface: Flow | None = None
+) -> tuple[Array, float]:
     """Return (3,) how fast a thing moves in W [m/s], and the variance of a coordinate of that [m²/s²].
 
     Args:
         motion: the newest image taken in.
         before: (3,) what it was taken to be.
         segments: of the newest image.
+        surface: what that tells; None: nothing.
+    """
+    told, variance, edges = _of_edges(motion, before, segments)
+    if surface is None:
+        return told, variance
+    covariance = np.linalg.inv(surface.information + edges)
+    off = surface.velocity - told
+    # What the edges tell is doubted by their own variance, too, where that is told.
+    doubt = np.linalg.inv(np.eye(3) + variance * surface.information)
+    if float(off @ surface.information @ doubt @ off) <= TUNING.contradicted:
+        return told, variance
+    both = covariance @ (surface.information @ surface.velocity + edges @ told)
+    if float(both @ surface.information @ both) <= TUNING.sure:
+        both = np.zeros(3)
+    return both, float(np.linalg.eigvalsh(covariance)[-1])
+
+
+def _of_edges(motion: ShownMotion, before: Array, segments: Segments) -> tuple[Array, float, Array]:
+    """Return what a thing's middle and edges tell: velocity (3,), the variance of a coordinate, information (3, 3).
+
+    The information is what is left of it where they may not tell the truth: they are as wrong as they differ.
     """
     axes, rows = axes_of(segments), motion.rows
     slopes, variances, counts = _slopes(motion)
     told, least, spread = np.zeros((3, 3))
-    known = np.zeros(3, dtype=bool)
+    known, doubt = np.zeros(3, dtype=bool), np.full(3, TUNING.unknown**2)
     for axis in range(3):
         open_ = counts[:, axis]
         if not (open_[0] or open_[2]) or not open_[1]:
             continue
         known[axis], spread[axis] = True, variances[open_, axis].max()
         found, variance = slopes[open_, axis], variances[open_, axis]
+        doubt[axis] = spread[axis] + np.ptp(found) ** 2
         if (found > 0).all() or (found < 0).all():
             k = int(np.argmin(np.abs(found)))
             least[axis] = found[k]
@@ -170,7 +210,7 @@ def velocity_of(motion: ShownMotion, before: Array, segments: Segments) -> tuple
         told[:] = 0.0
     passed = float(rows[-1, 0] - rows[-2, 0]) if len(rows) > 1 else TUNING.window
     told[~known] = (axes @ before)[~known] * np.exp(-passed / TUNING.fade)
-    return axes.T @ told, float(spread.max())
+    return axes.T @ told, float(spread.max()), (axes.T / doubt) @ axes
 
 
 def _slopes(motion: ShownMotion) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
