@@ -8,7 +8,7 @@ import pytest
 from twin_diagram import scenario
 from twin_diagram.scene.object_filter import FilterLayout, FilterSettings, Mode, initial_filters, propagate
 from twin_diagram.scene.object_update import update
-from twin_diagram.scene.taken_over import Motion, motion_before
+from twin_diagram.scene.taken_over import LinearMotion, motion_before
 from twin_diagram.signals.layouts import ObjectStatus, PoseMeasurement
 from twin_diagram.signals.things import Thing
 
@@ -49,7 +49,7 @@ def test_an_object_found_under_way_is_where_it_goes_between_images() -> None:
     tuning = FilterSettings.of(scenario.SceneUpdater())
     pose = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.1])
     first = PoseMeasurement(1.0, 1.0, pose, 1e-6 * np.eye(6))
-    after = update(initial_filters(1)[0], first, 1.05, tuning, before=Motion(V, 4e-4))
+    after = update(initial_filters(1)[0], first, 1.05, tuning, before=LinearMotion(V, 4e-4))
     assert after[FilterLayout.MODE] == Mode.MOVING
     ahead = propagate(after[None], 1.1, tuning)
     np.testing.assert_allclose(ahead.poses[0, 4:], pose[4:] + 0.1 * V, atol=1e-9)

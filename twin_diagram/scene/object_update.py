@@ -30,7 +30,7 @@ from twin_diagram.scene.object_filter import (
     initial_filters,
     propagate,
 )
-from twin_diagram.scene.taken_over import Motion
+from twin_diagram.scene.taken_over import LinearMotion
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, PoseMeasurement
@@ -118,7 +118,7 @@ def update(
     now: float,
     tuning: FilterSettings,
     symmetric_about_z: bool = False,
-    before: Motion | None = None,
+    before: LinearMotion | None = None,
 ) -> Array:
     """Return one object's filter after a measurement; the filter itself where the measurement is unusable.
 
@@ -162,13 +162,7 @@ def update(
     after[FilterLayout.VELOCITY] = velocity + correction[6:]
     after[FilterLayout.REJECTED] = 0.0
     after[FilterLayout.REMEMBERED_TIME] = NEVER
-    # The squared length of a whitened innovation is 6 on average where the scatter is what it is taken for. What moves
-    # may also turn aside: it teaches that measurements scatter more, never that they scatter less.
-    count = min(filter_[FilterLayout.NOISE_COUNT] + 1, OBJECT_FILTER.noise_images[1])
-    ratio = 1 + ((whitened @ whitened) / 6 - 1) / count
-    if mode == Mode.REST or ratio > 1:
-        after[FilterLayout.NOISE_SCALE] = np.clip(filter_[FilterLayout.NOISE_SCALE] * ratio, *TUNING.noise_scales)
-        after[FilterLayout.NOISE_COUNT] = count
+    _learn_scatter(after, filter_, whitened)
     if mode == Mode.REST:
         # What lasts is as large in the mean as in each, what scatters is less by `_AVERAGING`.
         trend = _whitened(innovation, expected + lasting * _AVERAGING) if lasting.any() else whitened
@@ -197,7 +191,7 @@ def begins_anew(filter_: Array, time: float, tuning: FilterSettings) -> bool:
     return bool(filter_[FilterLayout.MODE] == Mode.NONE or lost)
 
 
-def under_way(time: float, pose: Array, covariance: Array, motion: Motion) -> Array:
+def under_way(time: float, pose: Array, covariance: Array, motion: LinearMotion) -> Array:
     """Return the filter (FILTER_SIZE,) of an object that is under way at a time [s], at a pose (7) known by (6, 6)."""
     after = at_rest(time, pose, covariance)
     after[FilterLayout.MODE] = Mode.MOVING
@@ -220,6 +214,19 @@ def at_rest(time: float, pose: Array, covariance: Array) -> Array:
     whole[:6, :6] = covariance
     after[FilterLayout.COVARIANCE] = whole.ravel()
     return after
+
+
+def _learn_scatter(after: Array, before: Array, whitened: Array) -> None:
+    """Note in a filter how far measurements scatter, from a whitened innovation (6,).
+
+    Its squared length is 6 on average where the scatter is what it is taken for. What moves may also turn aside: it
+    teaches that measurements scatter more, never that they scatter less.
+    """
+    count = min(before[FilterLayout.NOISE_COUNT] + 1, OBJECT_FILTER.noise_images[1])
+    ratio = 1 + ((whitened @ whitened) / 6 - 1) / count
+    if before[FilterLayout.MODE] == Mode.REST or ratio > 1:
+        after[FilterLayout.NOISE_SCALE] = np.clip(before[FilterLayout.NOISE_SCALE] * ratio, *TUNING.noise_scales)
+        after[FilterLayout.NOISE_COUNT] = count
 
 
 def _watch_rest(after: Array, covariance: Array, noise: Array, whitened: Array) -> Array:

@@ -14,7 +14,7 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.things import COAST, Thing
 
 
-class Motion(NamedTuple):
+class LinearMotion(NamedTuple):
     """A velocity in W.
 
     Attributes:
@@ -26,7 +26,7 @@ class Motion(NamedTuple):
     variance: float
 
 
-def motion_before(things: Sequence[Thing], place: Array, radius: float, time: float) -> Motion | None:
+def motion_before(things: Sequence[Thing], place: Array, radius: float, time: float) -> LinearMotion | None:
     """Return how the unknown thing went that an object is, first found at a place; None: it is none that goes.
 
     Args:
@@ -43,4 +43,4 @@ def motion_before(things: Sequence[Thing], place: Array, radius: float, time: fl
         off = float(np.linalg.norm(thing.middle + age * thing.velocity - place))
         if off < radius and (own is None or off < own[0]):
             own = off, thing
-    return None if own is None else Motion(own[1].velocity, own[1].velocity_variance)
+    return None if own is None else LinearMotion(own[1].velocity, own[1].velocity_variance)

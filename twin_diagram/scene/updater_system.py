@@ -16,7 +16,7 @@ from twin_diagram.scenario.poses import pose
 from twin_diagram.scene import object_events, object_filter, object_life, object_update
 from twin_diagram.scene.object_filter import FilterLayout
 from twin_diagram.scene.object_life import LifeLayout
-from twin_diagram.scene.taken_over import Motion, motion_before
+from twin_diagram.scene.taken_over import LinearMotion, motion_before
 from twin_diagram.scene.twin_scene import TwinScene, parked_poses
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -203,7 +203,7 @@ class SceneGraphUpdater(LeafSystem):
             discrete.set_value(int(state), cast(Any, rows.ravel()))
         self._note(context, discrete, filters, lives, assets)
 
-    def _before(self, context: Context, measurement: PoseMeasurement, radius: float) -> Motion | None:
+    def _before(self, context: Context, measurement: PoseMeasurement, radius: float) -> LinearMotion | None:
         """Return how an object went that is found for the first time, while it was an unknown thing."""
         if not self._things_in.HasValue(context):
             return None
