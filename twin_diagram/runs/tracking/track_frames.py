@@ -6,9 +6,7 @@ line per frame, SI, in W.
 
 from __future__ import annotations
 
-import csv
-import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,18 +24,18 @@ from twin_diagram.logs.frames import FrameFolder, RgbdFrame, ViewCamera
 from twin_diagram.perception.alignment import DepthGrid
 from twin_diagram.perception.depth_noise import DepthSigma, measured
 from twin_diagram.perception.pinhole import Pinhole
-from twin_diagram.perception.registration.alternatives import PoseHypothesis
-from twin_diagram.perception.registration.rotation import to_quaternion
 from twin_diagram.perception.segmentation.learned import Segmenter, segment_with
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
+from twin_diagram.runs.tracking.first_poses import FARTHEST, NEAREST, first_poses
 from twin_diagram.runs.tracking.grown_assets import GrownAssets
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker, TrackedObject
+from twin_diagram.runs.tracking.results import OBJECTS, POSES, Results, bop_row, frame_line
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.output_place import why_not
 from twin_diagram.runtime.stages import Pace
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.calibration_error import CalibrationError, shared_covariances
+from twin_diagram.signals.calibration_error import CalibrationError
 from twin_diagram.signals.lens import Lens
 
 PERCEPTION = scenario.Perception(workspace=[[-5.0, -5.0, -0.02], [5.0, 5.0, 5.0]])
@@ -45,17 +43,11 @@ PERCEPTION = scenario.Perception(workspace=[[-5.0, -5.0, -0.02], [5.0, 5.0, 5.0]
 CELLS = 160
 """Cells a row that an image has at least, where it has as many pixels: of 80 at 160 × 120 a thing of 8 cm, 0.8 m off,
 covers 50, and 60 make a thing. Edges are told in cells, which at 320 are two pixels wide: smaller ones err by more."""
-FARTHEST = 100.0
-"""No depth camera sees farther [m]."""
 REAL = CalibrationError(shift=0.005, turn=np.radians(0.5), focal=0.003, centre=1.0, depth_scale=0.01)
 """How well a depth camera is calibrated of which nothing is told, RMS: as good cameras on a hand-eye calibration are.
 One whose noise is white, and not rounded by a disparity's steps, is a renderer's, and exact."""
-NEAREST = 0.01
-"""Nor is anything in its focus that is nearer [m]."""
 LEAST_SHOWN = 0.002
 """Share of pixels with depth below which a frame shows neither table nor thing: cameras' first ones may be empty."""
-COLUMNS = "scene_id,im_id,obj_id,score,R,t,time"
-"""Of BOP results."""
 FOCALS = (0.1, 50.0)
 """Focal lengths over the image's size: views of 157° and of 1°."""
 
@@ -92,36 +84,40 @@ def track_frames(
     for note in folder.notes:
         say(f"note: {note}")
     assets, numbers = _library(library, say, grow)
-    told = [] if init is None else _first_poses(init, folder.numbers[0], numbers)
+    scene = scene_of(frames)
+    told = [] if init is None else first_poses(init, folder.numbers[0], scene, numbers)
+    row = partial(bop_row, scene or 0, numbers)
     tracker = ObjectTracker(assets, PERCEPTION, grows=grow is not None)
     grown = None if grow is None else GrownAssets(grow, tracker, assets, numbers, say)
-    done: list[tuple[list[list[str]], str]] = []
     pace = Pace(len(folder), say)
-    try:
-        for one in _tracked(folder, tracker, told, numbers, say, segmenter):
-            done.append(one)
+    stopped = None
+    with atomic_file.folder(out, (POSES, OBJECTS)) as aside, Results(aside) as results:
+        try:
+            for rows, line in _tracked(folder, tracker, told, row, say, segmenter):
+                results.add(rows, line)
+                if grown is not None:
+                    grown.poll(line["frame"])
+                pace(results.frames)
             if grown is not None:
-                grown.poll(folder.numbers[len(done) - 1])
-            pace(len(done))
-        if grown is not None:
-            grown.close()
-    except KeyboardInterrupt:
-        if done:
-            _write(out, done)
-            say(f"{out}: the first {len(done)} of {len(folder)} frames")
-        raise
-    _write(out, done)
-    say(f"{out}: {sum(len(rows) for rows, _ in done)} poses in {len(done)} frames")
+                grown.close()
+        except KeyboardInterrupt as error:
+            if not results.frames:
+                raise
+            stopped = error
+    if stopped is not None:
+        say(f"{out}: the first {results.frames} of {len(folder)} frames")
+        raise stopped
+    say(f"{out}: {results.poses} poses in {results.frames} frames")
 
 
 def _tracked(
     folder: FrameFolder,
     tracker: ObjectTracker,
     told: list[tuple[str, Array, Array]],
-    numbers: Mapping[str, int],
+    row: Callable[[RgbdFrame, TrackedObject, Pinhole, TableFrame], list[str]],
     say: Callable[[str], None],
     segmenter: Segmenter | None,
-) -> Iterator[tuple[list[list[str]], str]]:
+) -> Iterator[tuple[list[list[str]], dict[str, Any]]]:
     """Yield of each frame its rows of `poses.csv` and its line of `objects.jsonl`."""
     apart = partial(segment, in_a_room=True) if segmenter is None else partial(segment_with, segmenter)
     seen_by: dict[int, ViewCamera] = {}
@@ -137,7 +133,7 @@ def _tracked(
         if base is None:
             first = first or camera
             if np.count_nonzero(frame.depth) < LEAST_SHOWN * frame.depth.size:
-                yield [], json.dumps({"frame": frame.number, "time": frame.time, "objects": []})
+                yield [], {"frame": frame.number, "time": frame.time, "objects": []}
                 continue
             base, noise, doubt = _begun(folder, frame, depth, camera, say)
             _start(tracker, told, base.camera(first), frame.time - zero - 1e-3)
@@ -146,10 +142,16 @@ def _tracked(
         rgb, time = _rgb_of(frame), frame.time - zero
         found = tracker.observe(apart(rgb, depth, time, grid, told_by))
         seen_by |= {one.track: frame.colour for one in found if one.found}
-        rows = [_row(frame, one, numbers, camera, base) for one in found if one.asset is not None and one.found]
-        yield rows, json.dumps(_line(frame, found, base, doubt, seen_by))
+        rows = [row(frame, one, camera, base) for one in found if one.asset is not None and one.found]
+        yield rows, frame_line(frame, found, base, doubt, seen_by)
     if base is None:
         say("note: no frame has depth")
+
+
+def scene_of(frames: Path) -> int | None:
+    """Return the scene that a folder of frames is named after, as BOP's are (`000048`); None: it has another name."""
+    name = frames.absolute().name
+    return int(name) if name.isascii() and name.isdecimal() else None
 
 
 def stride_of(width: int) -> int:
@@ -200,12 +202,6 @@ def _start(
         tracker.start(name, R_TC @ R_CO, R_TC @ p_CO + p_TC, time)
 
 
-def _write(out: Path, done: list[tuple[list[list[str]], str]]) -> None:
-    table = [COLUMNS, *(",".join(row) for rows, _ in done for row in rows)]
-    atomic_file.write(out / "poses.csv", "".join(line + "\n" for line in table))
-    atomic_file.write(out / "objects.jsonl", "".join(line + "\n" for _, line in done))
-
-
 def _library(library: Path, say: Callable[[str], None], grow: Path | None) -> tuple[dict[str, Asset], dict[str, int]]:
     """Return the whole assets by name, and their BOP numbers: `obj_id` in `asset.yaml`, else the place in it.
 
@@ -235,41 +231,6 @@ def _library(library: Path, say: Callable[[str], None], grow: Path | None) -> tu
     for line in same_thing.told(assets):
         say(line)
     return assets, numbers
-
-
-def _first_poses(path: Path, first: int, numbers: Mapping[str, int]) -> list[tuple[str, Array, Array]]:
-    """Read X_CO of the first frame's objects from BOP results, the best first; of alikes each has a row."""
-    names = {number: name for name, number in numbers.items()}
-    told: list[tuple[float, str, Array, Array]] = []
-    try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
-    except (OSError, UnicodeDecodeError) as error:
-        raise FramesError(f"{path}: cannot be read: {error}") from None
-    if rows and "im_id" not in rows[0]:
-        raise FramesError(f"{path}: no BOP result: its first line must name the columns: {COLUMNS}")
-    for number, row in enumerate(rows, start=2):
-        try:
-            image, which, score = int(row["im_id"]), int(row["obj_id"]), float(row.get("score") or 1.0)
-            R, t = (np.array(row[key].split(), dtype=float) for key in ("R", "t"))
-        except (KeyError, TypeError, ValueError, AttributeError):
-            raise FramesError(f"{path}: line {number} is no BOP result: {dict(row)}") from None
-        if len(R) != 9 or len(t) != 3 or not np.isfinite([*R, *t, score]).all():
-            raise FramesError(f"{path}: line {number}: R needs nine finite numbers, t three, score one")
-        R = R.reshape(3, 3)
-        if np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0:
-            raise FramesError(f"{path}: line {number}: R is no rotation")
-        if image != first:
-            continue
-        if not NEAREST < t[2] / 1000.0 < FARTHEST or np.abs(t / 1000.0).max() > FARTHEST:
-            said = " ".join(f"{x:g}" for x in t)
-            where = f"not before the camera, {NEAREST:g} to {FARTHEST:g} m away"
-            raise FramesError(f"{path}: line {number}: t is {said} mm: {where}; is it in another unit?")
-        if which not in names:
-            raise FramesError(f"{path}: line {number}: obj_id {which} is none of the library's {sorted(names)}")
-        told.append((score, names[which], R, t / 1000.0))
-    if not told:
-        raise FramesError(f"{path}: no pose of the first frame, im_id {first}")
-    return [(name, R, p) for _, name, R, p in sorted(told, key=lambda one: -one[0])]
 
 
 def _doubt(folder: FrameFolder, noise: DepthSigma) -> CalibrationError:
@@ -311,56 +272,3 @@ def _on_colours_grid(frame: RgbdFrame) -> Any:
     R_CD, p_CD = colour.R_WC.T @ own.R_WC, colour.R_WC.T @ (own.p_WC - colour.p_WC)
     lenses = [Lens(c.width, c.height, c.fx, c.fy, c.cx, c.cy) for c in (own, colour)]
     return DepthGrid.of(lenses[0], R_CD, p_CD, lenses[1]).warped(frame.depth)
-
-
-def _row(
-    frame: RgbdFrame, one: TrackedObject, numbers: Mapping[str, int], camera: Pinhole, base: TableFrame
-) -> list[str]:
-    """Return a BOP result of an object in the camera's frame."""
-    R_TC, p_TC = base.camera(camera)
-    R, t = R_TC.T @ one.R, R_TC.T @ (one.p - p_TC) * 1000.0
-    assert one.asset is not None
-    said = [" ".join(f"{x:.9g}" for x in values) for values in (R.ravel(), t)]
-    time = f"{frame.time:.9f}".rstrip("0").rstrip(".")  # of a clock that counts from 1970, too
-    return ["0", str(frame.number), str(numbers[one.asset]), f"{one.probability:.6g}", *said, time]
-
-
-def _hypothesis(one: PoseHypothesis, base: TableFrame, probability: float) -> dict[str, Any]:
-    """Return a pose that a frame allows, in W; `probability` is that of the object."""
-    R, p = base.R_WT @ one.R, base.R_WT @ one.p + base.p_WT
-    return {"p_WO": p.tolist(), "q_WO": to_quaternion(R).tolist(), "probability": probability * one.probability}
-
-
-def _line(
-    frame: RgbdFrame,
-    found: list[TrackedObject],
-    base: TableFrame,
-    doubt: CalibrationError,
-    seen_by: Mapping[int, ViewCamera],
-) -> dict[str, Any]:
-    """Return a frame's line of `objects.jsonl`; in each covariance is the doubt of the camera that saw it last."""
-    turn = np.kron(np.eye(2), base.R_WT)
-    objects = []
-    for one in found:
-        camera = seen_by.get(one.track, frame.colour)
-        R, p = base.R_WT @ one.R, base.R_WT @ one.p + base.p_WT
-        p_C = ((p - camera.p_WC) @ camera.R_WC)[None]
-        shared = shared_covariances(doubt, p_C, camera.R_WC, camera.fx, camera.fy)[0]
-        pose = {"p_WO": p.tolist(), "q_WO": to_quaternion(R).tolist()}
-        objects.append(
-            {
-                "track": one.track,
-                "asset": one.asset,
-                "status": one.status,
-                "probability": one.probability,
-                "visible": one.visible,
-                **pose,
-                "covariance": (turn @ one.covariance @ turn.T + shared).tolist(),
-                "free": np.eye(3)[list(one.free)].tolist(),
-                "named": one.named,
-                "by_shape": one.by_shape,
-                "hypotheses": [_hypothesis(other, base, one.probability) for other in one.hypotheses],
-                "pieces": [(piece @ base.R_WT.T + base.p_WT).tolist() for piece in one.pieces],
-            }
-        )
-    return {"frame": frame.number, "time": frame.time, "objects": objects}
