@@ -17,13 +17,13 @@ from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.global_search import (
     Found,
-    _apart,
     _down,
     best_of,
     explained,
     nearby,
     search,
     starts,
+    well_apart,
     with_colours_beside,
 )
 from twin_diagram.perception.registration.point_kernels import COARSE
@@ -233,13 +233,13 @@ def test_colours_count_more_beside_depth_whose_points_err_alike(monkeypatch: pyt
 def test_the_first_few_that_differ_by_a_centimetre_or_ten_degrees_are_refined() -> None:
     def apart(shift: float, degrees: float) -> int:
         R = np.stack([np.eye(3), turn(0.0, 0.0, np.radians(degrees))])
-        return len(_apart(Poses(R, np.array([[0.0, 0.0, 0.0], [shift, 0.0, 0.0]])), np.array([0, 1])))
+        return len(well_apart(Poses(R, np.array([[0.0, 0.0, 0.0], [shift, 0.0, 0.0]])), np.array([0, 1])))
 
     assert [apart(0.0099, 9.8), apart(0.0101, 0.0), apart(0.0, 10.1)] == [1, 2, 2]
     many = Poses(np.tile(np.eye(3), (9, 1, 1)), np.arange(9.0)[:, None] * [0.1, 0.0, 0.0])
-    assert _apart(many, np.array([8, 3, 5, 1, 0, 2])) == [8, 3, 5, 1], "four at most, in their order"
+    assert well_apart(many, np.array([8, 3, 5, 1, 0, 2])) == [8, 3, 5, 1], "four at most, in their order"
     near = Poses(np.tile(np.eye(3), (3, 1, 1)), np.array([[0.0, 0, 0], [0.008, 0, 0], [0.016, 0, 0]]))
-    assert _apart(near, np.array([1, 0, 2])) == [1] and _apart(near, np.array([0, 1, 2])) == [0, 2]
+    assert well_apart(near, np.array([1, 0, 2])) == [1] and well_apart(near, np.array([0, 1, 2])) == [0, 2]
 
 
 class Judged:

@@ -362,8 +362,8 @@ def test_pictures_without_colours_are_told(
     assert said in capsys.readouterr().err
 
 
-def test_without_a_table_all_that_is_seen_stands(library: Path, taken: Shots, tmp_path: Path) -> None:
-    """A thing held before the camera: found, and the note says that no table is in view."""
+def test_without_a_table_a_thing_is_found_that_stands_on_nothing(library: Path, taken: Shots, tmp_path: Path) -> None:
+    """A thing held before the camera, none of its faces towards it: it was looked for as it lies on a table alone."""
     frame = taken.frames[0]
     near = frame.depth.copy()
     brick = np.all(frame.rgb == (200, 40, 40), axis=2) if frame.rgb is not None else near > 0
@@ -371,6 +371,10 @@ def test_without_a_table_all_that_is_seen_stands(library: Path, taken: Shots, tm
     alone = Shots([replace(frame, depth=near), replace(frame, number=1, time=0.1, depth=near)])
     assert track(library, folder_of(alone, tmp_path / "frames"), tmp_path / "out") == 0
     assert len(lines(tmp_path / "out")) == 2
+    for line in lines(tmp_path / "out"):
+        one = of(line, "brick")
+        assert np.linalg.norm(np.array(one["p_WO"]) - (-0.04, 0.02, SIZE[2] / 2)) < 0.003
+        assert angle(one["q_WO"], YAW) < np.radians(2.0)
 
 
 def test_noise_on_a_wall_is_nothing_that_stands_on_it(library: Path, tmp_path: Path) -> None:

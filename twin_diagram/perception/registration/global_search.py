@@ -340,7 +340,7 @@ def best_of(
     )
     best: Found | None = None
     tried: list[RegisteredPose] = []
-    for k in _apart(poses, np.argsort(-score, kind="stable")):
+    for k in well_apart(poses, np.argsort(-score, kind="stable")):
         if score[k] < TUNING.hopeless * score.max() or (best is not None and best.score >= sure):
             break
         result = register(model, frame, poses.R[k], poses.p[k], params, points_W=points_W)
@@ -386,7 +386,7 @@ def judged(model: ModelCloud, points_W: Array, result: RegisteredPose) -> float:
     return visible * (0.4 + 0.6 * explained(model, points_W, result))
 
 
-def _apart(poses: Poses, order: npt.NDArray[np.int64]) -> list[int]:
+def well_apart(poses: Poses, order: npt.NDArray[np.int64]) -> list[int]:
     """Return the first few in `order` that differ from one another by more than 10° or 1 cm."""
     chosen: list[int] = []
     for k in order:

@@ -15,7 +15,7 @@ from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_
 from twin_diagram.perception.registration.global_search import Found, search
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
-from twin_diagram.perception.registration.search_aloft import afloat
+from twin_diagram.perception.registration.search_aloft import afloat, anyhow, hangs
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
@@ -181,9 +181,13 @@ def _searched(
     ways: list[tuple[Array, float]],
     params: scenario.Registration,
 ) -> Found | None:
-    """Look for an object among a segment's points (N, 3), in the air where it is `known` to have been."""
+    """Look for an object among a segment's points (N, 3), in the air where it is `known` to have been, or hangs."""
     if known is None:
-        return search(model, frame, points_W, ways, params)
+        result = search(model, frame, points_W, ways, params)
+        if not ways or not hangs(frame, points_W) or (result is not None and result.score >= GLOBAL_SEARCH.sure):
+            return result
+        other = anyhow(model, frame, points_W, params)
+        return max((one for one in (result, other) if one is not None), key=lambda one: one.likeness, default=None)
     result = afloat(model, frame, points_W, known.R, params)
     return result if result is not None and known.may_be(result.registration) else None
 

@@ -1,4 +1,7 @@
-"""Looks for an object in the air, turned somehow as it was when it was seen last, by what nothing hides of it."""
+"""Looks for an object in the air, by what nothing hides of it: turned much as it was when it was seen last, or anyhow.
+
+What hangs has no facet to stand on: where nobody has seen it yet, all directions that it may show are tried.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import TUNING as SEARCH
-from twin_diagram.perception.registration.global_search import Found, best_of, shown_by
+from twin_diagram.perception.registration.global_search import Found, best_of, shown_by, well_apart
+from twin_diagram.perception.registration.height import extent
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.point_kernels import COARSE
-from twin_diagram.perception.registration.registration import information
+from twin_diagram.perception.registration.registration import information, refine
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.signals.arrays import Array
 
@@ -28,6 +33,15 @@ class Tuning:
 
     before: float = 0.03
     """What is seen so far before a model point hides it [m]: see `assessment`'s `same_surface`."""
+
+    rolls: int = 12
+    """Starts about the line of sight for each direction from which a model's views are told, 30° apart."""
+
+    own: float = 0.008
+    """Points this near to an object's surface are its own [m]."""
+
+    high: float = 0.3
+    """What begins so high above what things stand on hangs there, or is held: few things bear others so high [m]."""
 
     settling: int = 4
     """Half hidden starts are laid anew so often with what is not hidden of them where the segment is: each halves what
@@ -57,12 +71,71 @@ def afloat(model: ModelCloud, frame: Frame, points_W: Array, R: Array, params: s
     ways = step * np.arange(-int(most / step), int(most / step) + 1)
     turn = np.stack(np.meshgrid(ways, ways, ways), axis=-1).reshape(-1, 3)
     R_any = exp(turn[np.linalg.norm(turn, axis=1) <= most]) @ R
-    centre = points_W.mean(axis=0)
-    towards = frame.camera.p_WC - centre
-    towards /= np.linalg.norm(towards)
+    centre, towards = _sight(frame, points_W)
     laid = centred(model, frame, Poses(R_any, centre - shown_by(model, R_any, towards)[1]), centre)
     thin = points_W[:: max(1, len(points_W) // SEARCH.thin)]
     return best_of(model, frame, laid, thin, information(0.3, 0.05), params)
+
+
+def hangs(frame: Frame, points_W: Array) -> bool:
+    """Return whether what a segment (N, 3) shows stands on nothing in view: no plane is, or it begins far above."""
+    return not frame.planes or extent(points_W, frame.table)[0] > TUNING.high
+
+
+def anyhow(model: ModelCloud, frame: Frame, points_W: Array, params: scenario.Registration) -> Found | None:
+    """Look for one object in one segment, in the air, turned anyhow: nobody has seen it yet.
+
+    Args:
+        model: the object.
+        frame: the image.
+        points_W: (N, 3) the segment's points.
+        params: tuning.
+
+    Returns:
+        The best pose, whatever its score; None where the segment is far too large for the object or nothing fits.
+    """
+    spread = np.linalg.norm(points_W - points_W.mean(axis=0), axis=1)
+    if np.median(spread) > 2.0 * model.radius + params.reach:
+        return None
+    centre, towards = _sight(frame, points_W)
+    R = _facing(model.directions, towards)
+    laid = Poses(R, centre - shown_by(model, R, towards)[1])
+    fit = assess(model, frame, laid, SEARCH.coarse_points, COARSE, slack=0.015)
+    best = np.argsort(-fit.likeness * np.minimum(fit.points, 20.0), kind="stable")[: SEARCH.most_starts]
+    thin, prior = points_W[:: max(1, len(points_W) // SEARCH.thin)], information(0.3, 0.05)
+    near = refine(
+        model, frame, laid[best], SEARCH.coarse_points, SEARCH.coarse_iterations, prior, params, coarse_only=True
+    )
+    # A face slides along a larger one of another side without a point of the model's that does not fit.
+    fit = assess(model, frame, near, SEARCH.coarse_points, COARSE, slack=0.005)
+    worth = fit.likeness * np.minimum(fit.points / 20.0, 1.0) * (0.4 + 0.6 * _explained(model, thin, near))
+    few = np.array(well_apart(near, np.argsort(-worth, kind="stable")))
+    return best_of(model, frame, near[few], thin, prior, params)
+
+
+def _explained(model: ModelCloud, points_W: Array, poses: Poses) -> Array:
+    """Return which share of points (N, 3) lies on the object at each of B poses, (B,)."""
+    points_O = (points_W[None] - poses.p[:, None]) @ poses.R
+    distance, _ = model.nearest.query(points_O.reshape(-1, 3), TUNING.own + model.spacing / 2)
+    return np.asarray(np.isfinite(distance).reshape(len(poses.p), -1).mean(axis=1))
+
+
+def _sight(frame: Frame, points_W: Array) -> tuple[Array, Array]:
+    """Return a segment's middle (3,) and the direction (3,) from there to the camera."""
+    centre = points_W.mean(axis=0)
+    towards = frame.camera.p_WC - centre
+    return centre, towards / np.linalg.norm(towards)
+
+
+def _facing(directions: Array, towards: Array) -> Array:
+    """Return turns (D · rolls, 3, 3) R_WO that bring each direction (D, 3) of O to `towards` (3,) of W, all rolls."""
+    axis = np.cross(directions, towards)
+    sine, cosine = np.linalg.norm(axis, axis=1), directions @ towards
+    aside = np.cross(towards, np.eye(3)[int(np.argmin(np.abs(towards)))])
+    axis = np.where(sine[:, None] > 1e-9, axis / np.maximum(sine, 1e-9)[:, None], aside / np.linalg.norm(aside))
+    to_sight = exp(axis * np.arctan2(sine, cosine)[:, None])
+    roll = exp(np.arange(TUNING.rolls)[:, None] * (2 * np.pi / TUNING.rolls) * towards)
+    return np.asarray((roll[None] @ to_sight[:, None]).reshape(-1, 3, 3))
 
 
 def centred(model: ModelCloud, frame: Frame, laid: Poses, centre: Array) -> Poses:
