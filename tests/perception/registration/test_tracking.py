@@ -150,6 +150,7 @@ def recognised(
 
     monkeypatch.setattr(recognition, "search", search)
     monkeypatch.setattr(recognition, "_owned", owned)
+    monkeypatch.setattr(recognition, "hangs", lambda frame, points: False)
     points, names = Points(sizes), sorted({name for name, _ in scores})
     wanted: Any = {k: Model(name) for k, name in enumerate(names)}
     free = np.ones(len(points.labels), dtype=bool)

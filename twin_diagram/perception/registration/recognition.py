@@ -184,7 +184,10 @@ def _searched(
     """Look for an object among a segment's points (N, 3), in the air where it is `known` to have been, or hangs."""
     if known is None:
         result = search(model, frame, points_W, ways, params)
-        if not ways or not hangs(frame, points_W) or (result is not None and result.score >= GLOBAL_SEARCH.sure):
+        # Turned anyhow, a shape without colours fits too much: a part of a castle passed for a second one.
+        if not (ways and model.coloured and hangs(frame, points_W)):
+            return result
+        if result is not None and result.score >= GLOBAL_SEARCH.sure:
             return result
         other = anyhow(model, frame, points_W, params)
         return max((one for one in (result, other) if one is not None), key=lambda one: one.likeness, default=None)

@@ -170,15 +170,17 @@ def velocity_of(
         segments: of the newest image.
         surface: what that tells; None: nothing.
     """
-    told, variance, edges = _of_edges(motion, before, segments)
+    told, variance, doubt = _of_edges(motion, before, segments)
     if surface is None:
         return told, variance
-    covariance = np.linalg.inv(surface.information + edges)
     off = surface.velocity - told
     # What the edges tell is doubted by their own variance, too, where that is told.
-    doubt = np.linalg.inv(np.eye(3) + variance * surface.information)
-    if float(off @ surface.information @ doubt @ off) <= TUNING.contradicted:
+    own = np.linalg.inv(np.eye(3) + variance * surface.information)
+    if float(off @ surface.information @ own @ off) <= TUNING.contradicted:
         return told, variance
+    axes = axes_of(segments)
+    edges = (axes.T / (doubt + (axes @ off) ** 2)) @ axes
+    covariance = np.linalg.inv(surface.information + edges)
     both = covariance @ (surface.information @ surface.velocity + edges @ told)
     if float(both @ surface.information @ both) <= TUNING.sure:
         both = np.zeros(3)
@@ -186,9 +188,9 @@ def velocity_of(
 
 
 def _of_edges(motion: ShownMotion, before: Array, segments: Segments) -> tuple[Array, float, Array]:
-    """Return what a thing's middle and edges tell: velocity (3,), the variance of a coordinate, information (3, 3).
+    """Return what a thing's middle and edges tell: velocity (3,), the variance of a coordinate, and variances (3,).
 
-    The information is what is left of it where they may not tell the truth: they are as wrong as they differ.
+    Those, along `axes_of`, are what is left of it where they may not tell the truth: they are as wrong as they differ.
     """
     axes, rows = axes_of(segments), motion.rows
     slopes, variances, counts = _slopes(motion)
@@ -210,7 +212,7 @@ def _of_edges(motion: ShownMotion, before: Array, segments: Segments) -> tuple[A
         told[:] = 0.0
     passed = float(rows[-1, 0] - rows[-2, 0]) if len(rows) > 1 else TUNING.window
     told[~known] = (axes @ before)[~known] * np.exp(-passed / TUNING.fade)
-    return axes.T @ told, float(spread.max()), (axes.T / doubt) @ axes
+    return axes.T @ told, float(spread.max()), doubt
 
 
 def _slopes(motion: ShownMotion) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
