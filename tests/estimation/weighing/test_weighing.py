@@ -211,7 +211,10 @@ def test_a_single_run_a_matrix_and_a_bare_shape_will_do(
     usual = weigh(iiwa_link, [LoadedRun(both[0], X_TO)], [EmptyRun(both[1])], ShapePrior(box))
     matrix: Any = X_TO.GetAsMatrix4()
     found = weigh(iiwa_link, LoadedRun(both[0], matrix), EmptyRun(both[1]), box)
-    np.testing.assert_allclose(found.parameters, usual.parameters, rtol=1e-4, atol=1e-7)
+    # A matrix is made a rotation again, which changes last bits: the fit ends within 0.002 deviations of its mode, and
+    # the mean of its 3000 draws is as sure as 0.018. In relative terms that depends on the processor.
+    std = np.sqrt(np.diag(usual.posterior.covariance))
+    assert (np.abs(found.parameters - usual.parameters) < 0.018 * std).all()
     own = found.measured()
     assert own.mass == found.mass and own.mass_std == found.errors["mass"]
     np.testing.assert_array_equal(own.inertia, found.inertia)
