@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_diagram.assets.command import add_asset_commands
 from twin_diagram.errors import TwinError
-from twin_diagram.native import RUN, missing_packages_named, require_packages
+from twin_diagram.native import RUN, missing_packages_named, require_packages, require_utf8
 from twin_diagram.planning.grasps.command import add_grasps_command
 from twin_diagram.runs.fleet import command as fleet_command
 from twin_diagram.runs.learning.command import add_learn_command
@@ -48,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.verbose:
         logging.getLogger("twin_diagram").setLevel(logging.DEBUG)
     try:
+        require_utf8()
         with missing_packages_named(), one_thread(), stoppable():  # before NumPy is imported
             _import_effects(getattr(arguments, "imported", []))
             status = command(arguments)
