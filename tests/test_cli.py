@@ -356,6 +356,9 @@ def test_output_that_is_closed_is_none() -> None:
     [
         ("Meshcat: An obj referenced a material library 'x.mtl' that …; no materials will be included.", False),
         ("joint 'j' has non-zero joint friction", False),
+        ("warning: Material file [ a.mtl ] not found in a path : assets\nFailed to load material file(s).", False),
+        ("warning: The mesh a.obj has its own materials, but material properties have been defined as well.", False),
+        ("Rigid (non-deformable) half spaces are not currently supported for deformable contact; …", False),
         ("Meshcat: something else", True),
     ],
 )
