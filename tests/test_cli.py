@@ -356,6 +356,9 @@ def test_output_that_is_closed_is_none() -> None:
     [
         ("Meshcat: An obj referenced a material library 'x.mtl' that …; no materials will be included.", False),
         ("joint 'j' has non-zero joint friction", False),
+        ("warning: Material file [ a.mtl ] not found in a path : assets\nFailed to load material file(s).", False),
+        ("warning: The mesh a.obj has its own materials, but material properties have been defined as well.", False),
+        ("Rigid (non-deformable) half spaces are not currently supported for deformable contact; …", False),
         ("Meshcat: something else", True),
     ],
 )
@@ -677,3 +680,11 @@ def test_a_terminal_without_our_letters_gets_the_rest(tmp_path: Path) -> None:
         text=True,
     )
     assert done.returncode == 0 and "encoder_std" in done.stdout, done.stderr
+
+
+def test_a_python_that_reads_ascii_is_told_what_to_set(tmp_path: Path) -> None:
+    argv = [sys.executable, "-m", "twin_diagram", "init", "--arm", "arms/ur5e.urdf", "--out", "a.yaml"]
+    ascii_only = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run(argv, cwd=tmp_path, env=ascii_only, capture_output=True, text=True)
+    assert done.returncode == 2 and not list(tmp_path.iterdir())
+    assert done.stderr.startswith("error: ") and "set PYTHONUTF8=1" in done.stderr and done.stderr.count("\n") == 1

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin_diagram.assets.command import add_asset_commands
 from twin_diagram.errors import TwinError
-from twin_diagram.native import RUN, missing_packages_named, require_packages
+from twin_diagram.native import RUN, missing_packages_named, require_packages, require_utf8
 from twin_diagram.planning.grasps.command import add_grasps_command
 from twin_diagram.runs.fleet import command as fleet_command
 from twin_diagram.runs.learning.command import add_learn_command
@@ -48,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.verbose:
         logging.getLogger("twin_diagram").setLevel(logging.DEBUG)
     try:
+        require_utf8()
         with missing_packages_named(), one_thread(), stoppable():  # before NumPy is imported
             _import_effects(getattr(arguments, "imported", []))
             status = command(arguments)
@@ -95,9 +96,16 @@ def _leave_stdout() -> None:
 def _worth_saying(record: logging.LogRecord) -> bool:
     """Leave out what Drake says of joint friction, which `model.description.unparsed` reads, and of meshes' paint.
 
-    Of that, Meshcat says a line for each OBJ whose .mtl is not there, as of most published arms: twenty for a UR5e.
+    Of that, Meshcat and the renderer say lines for each OBJ whose .mtl is not there, as of most published arms: twenty
+    for a UR5e, 232 for a Panda as MJCF. Nothing here is deformable, so neither matters what such contact lacks.
     """
-    left_out = ("non-zero joint friction", "no materials will be included")
+    left_out = (
+        "non-zero joint friction",
+        "no materials will be included",
+        "Material file [",
+        "has its own materials, but",
+        "not currently supported for deformable contact",
+    )
     return record.levelno >= logging.WARNING and not any(words in record.getMessage() for words in left_out)
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import ctypes
 import importlib
 import importlib.util
+import locale
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -177,6 +178,22 @@ def require_packages(*modules: str) -> None:
     missing = tuple(module for module in modules if importlib.util.find_spec(module) is None)
     if missing:
         raise MissingPackageError(missing)
+
+
+def require_utf8() -> None:
+    """Check that Python reads text as UTF-8: pydrake reads its own modules so, and ends in an import error elsewhere.
+
+    Python sees to it under a locale of C or UTF-8; not with ``PYTHONUTF8=0`` or ``-X utf8=0``, or under a Latin locale.
+
+    Raises:
+        TwinError: it does not; its message says what to set.
+    """
+    encoding = locale.getpreferredencoding(False)
+    if encoding.lower().replace("-", "") != "utf8":
+        raise TwinError(
+            f"Python reads text as {encoding} here, by the locale, and Drake's own as that, too, so that it cannot be "
+            "loaded: set PYTHONUTF8=1, without -X utf8=0"
+        )
 
 
 @contextmanager

@@ -106,7 +106,7 @@ def run(
     # The port says what the list does.
     rows = np.array(loop.twin.diagram.GetOutputPort("health").Eval(own)).reshape(-1, FIELDS)
     found = loop.twin.lacking(own)
-    assert [round(float(row[1]), 4) for row in rows if row[1] >= 0.0] == sorted(each["first"] for each in found)
+    assert sorted(round(float(row[1]), 4) for row in rows if row[1] >= 0.0) == [each["first"] for each in found]
     json.dumps(found, allow_nan=False)
     return loop, found, said, beliefs(loop, simulator.get_context())
 
@@ -189,6 +189,15 @@ def test_a_loop_that_is_slower_than_the_arms_clock_says_so() -> None:
     (lack,) = found
     assert lack["reason"] == "slower_than_real_time" and "slower than real time" in said[0]
     assert lack["first"] == pytest.approx(HEALTH.plans / plan.twin.planner.rate / 0.5, abs=0.03)
+
+
+def test_an_arm_ahead_of_a_slow_loop_that_falls_silent_is_said_at_once() -> None:
+    """By the arm's clock alone its last message stayed new until the loop was there: 0.24 s here."""
+    _, found, said, _ = run(on_a_bus(), 0.6, until=0.3, clock=1.8)
+    assert [lack["reason"] for lack in found] == ["slower_than_real_time", "no_arm_message"]
+    assert found[1]["what"] == "they have ceased" and found[1]["first"] == pytest.approx(0.3, abs=0.04)
+    at = [float(line.split(" s:")[0]) for line in said if "no message" in line]
+    assert at == [pytest.approx(0.3 + HEALTH.messages / on_a_bus().twin.driver.rate, abs=0.08)]
 
 
 # Objects and goals.

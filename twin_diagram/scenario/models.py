@@ -55,10 +55,10 @@ class ArmModel:
     X_WB: Pose = field(default_factory=Pose)
     """Where the arm's base B stands in the world [m]."""
     joints: list[str] = field(default_factory=list)
-    """The arm's joints in order; empty: every actuated joint of the model, in its order, but for prismatic
-    ones that stand side by side and carry no other: fingers."""
+    """The arm's joints in order; empty: every actuated joint of the model, in its order, but for fingers: prismatic
+    ones that stand side by side and carry no other, and a revolute one at the end that others beside it follow."""
     gripper_joints: list[str] = field(default_factory=list)
-    """Finger joints; empty: the actuated prismatic joints that are not the arm's."""
+    """Finger joints; empty: the actuated prismatic joints that are not the arm's, and such revolute ones."""
     tool_frame: str = "panda_tcp"
     """Frame that reaches goals; empty: the last link's own."""
     effects: list[EffectSpec] = field(default_factory=list)

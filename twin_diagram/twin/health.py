@@ -203,8 +203,9 @@ class HealthMonitor(LeafSystem):
             [s], `NEVER` where it was not.
 
     Rate: `scene.rate`. Latency: one period and how long it is borne, see `Patience`; the time told is that of the last
-    message or image, not when it was missed. State: the rows, then when the first image was taken, since when the
-    goal is not reached, and when the clock began [s].
+    message or image, not when it was missed. One from ahead of the loop, as of an arm before a slow loop, counts from
+    when it was seen. State: the rows, then when the first image was taken, since when the goal is not reached, when the
+    clock began, each input's newest time, and when that was first seen [s].
     """
 
     def __init__(self, twin: scenario.Twin) -> None:
@@ -224,8 +225,10 @@ class HealthMonitor(LeafSystem):
         self._reach = self.DeclareVectorInputPort("reach", 1)
         self._away = self.DeclareVectorInputPort("turned_away", 2)
         size = FIELDS * len(self.lacks)
+        self._size: Final = size
         start = np.tile([0.0, NEVER, NEVER], len(self.lacks))
-        state = self.DeclareDiscreteState(cast(Any, np.concatenate([start, [NEVER, NEVER, 0.0]])))
+        stamps = np.full(2 * (2 + len(self._images)), NEVER)
+        state = self.DeclareDiscreteState(cast(Any, np.concatenate([start, [NEVER, NEVER, 0.0], stamps])))
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / twin.scene.rate, 0.0, self._update)
 
@@ -243,28 +246,29 @@ class HealthMonitor(LeafSystem):
         return [(lack, float(row[1])) for lack, row in zip(self.lacks, self._rows(context), strict=True) if row[0]]
 
     def _rows(self, context: Context) -> Array:
-        return np.asarray(context.get_discrete_state_vector().value())[:-3].reshape(-1, FIELDS)
+        return np.asarray(context.get_discrete_state_vector().value())[: self._size].reshape(-1, FIELDS)
 
     def _begin(self, context: Context, discrete: DiscreteValues) -> None:
         """Keep the time at which a simulator begins, which may be any."""
         state = np.array(context.get_discrete_state_vector().value())
-        state[-1] = context.get_time()
+        state[self._size + 2] = context.get_time()
         discrete.set_value(cast(Any, state))
 
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
         now, patience = context.get_time(), self._patience
-        first_image, missed, began = np.asarray(context.get_discrete_state_vector().value())[-3:]
-        newest = float(cast(Array, self._arm.Eval(context))[0])
+        first_image, missed, began, *before = context.get_discrete_state_vector().value()[self._size :]
+        stamps, came = self._stamps(context), np.split(np.array(before), 2)
+        came = np.where(stamps == came[0], came[1], now)
+        newest, usable, *images = np.minimum(stamps, came)
         silent = ceased(now, newest, patience.message, began)
         useless = np.inf
         if self._usable.HasValue(context) and not np.isfinite(silent).any():
-            useless = min(ceased(now, float(cast(Array, self._usable.Eval(context))[0]), patience.usable, began))
-        since = [*silent, useless, now if newest - now > patience.behind else np.inf]
+            useless = min(ceased(now, usable, patience.usable, began))
+        since = [*silent, useless, now if stamps[0] - now > patience.behind else np.inf]
         if self._sees:
-            times = [float(cast(Array, port.Eval(context))[0]) for port in self._images]
-            for one, borne in zip(times, patience.images, strict=True):
+            for one, borne in zip(images, patience.images, strict=True):
                 since += ceased(now, one, borne, began)
-            image = max(times)
+            image = max(stamps[2:])
             first_image = image if first_image < 0.0 else first_image
             tracks = cast(Array, self._tracks.Eval(context)).reshape(-1, TRACK_SIZE)
             looked = first_image >= 0.0 and image - first_image > patience.unseen
@@ -277,4 +281,13 @@ class HealthMonitor(LeafSystem):
             missed = (now if missed < 0.0 else missed) if lost else NEVER
             since.append(missed if lost and now - missed > patience.goal else np.inf)
         rows = noted(self._rows(context), np.array(since), now)
-        discrete.set_value(cast(Any, np.concatenate([rows.ravel(), [first_image, missed, began]])))
+        kept = [first_image, missed, began, *stamps, *came]
+        discrete.set_value(cast(Any, np.concatenate([rows.ravel(), kept])))
+
+    def _stamps(self, context: Context) -> Array:
+        """Return the newest times (2 + cameras) of the arm's messages, of what could be used, and of images [s]."""
+        told = np.full(2 + len(self._images), NEVER)
+        for k, port in enumerate((self._arm, self._usable, *(self._images if self._sees else ()))):
+            if port is not self._usable or port.HasValue(context):
+                told[k] = cast(Array, port.Eval(context))[0]
+        return told

@@ -38,6 +38,8 @@ JOINT = (
     '<axis xyz="0 0 1"/><limit lower="{4}" upper="{5}" effort="9" velocity="2"/>{6}</joint>'
 )
 
+MOTOR = '<transmission type="SimpleTransmission"><joint name="{0}"/><actuator name="{0}_motor"/></transmission>'
+
 
 @pytest.fixture(scope="module")
 def one(tmp_path_factory: pytest.TempPathFactory) -> scenario.ArmModel:
@@ -140,6 +142,23 @@ def test_who_follows_through_others_and_who_follows_itself(tmp_path: Path) -> No
 
     np.testing.assert_allclose(found("bar"), [0.0, 0.5, -0.5 + 0.2, 2 * (-0.5 + 0.2) - 0.1])
     np.testing.assert_allclose(found("nail"), [0.0, 0.5, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("palm", "motors"),
+    [("a", ()), ("a", ("arm", "bar")), ("a", ("arm", "bar", "other")), ("base", ()), ("base", ("arm", "bar"))],
+)
+def test_a_joint_that_turns_fingers_is_no_joint_of_the_arm(tmp_path: Path, palm: str, motors: tuple[str, ...]) -> None:
+    """An xArm's hand was its seventh joint, off by 13 rad within 2 s. A rod beside the arm makes no hand."""
+    spec = turning(tmp_path, "bar")
+    path, other = Path(spec.model), JOINT.format("other", palm, "e", 0.0, -3, 3, '<mimic joint="bar" multiplier="-1"/>')
+    driven = "".join(MOTOR.format(name) for name in motors)
+    path.write_text(path.read_text().replace("</robot>", f"{LINK.format('e')}{BAR}{other}{driven}</robot>"))
+    arm = add_arm(MultibodyPlant(0.0), path)
+    hand = (("arm",), ("bar",)) if palm == "a" else (("arm", "bar"), ())
+    assert (arm.joints, arm.gripper_joints) == hand
+    named = add_arm(MultibodyPlant(0.0), dataclasses.replace(spec, joints=["arm", "bar"], gripper_joints=[]))
+    assert (named.joints, named.gripper_joints) == (("arm", "bar"), ())
 
 
 def test_fingers_that_turn_are_covered_all_the_way(tmp_path: Path) -> None:

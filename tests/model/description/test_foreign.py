@@ -75,6 +75,15 @@ def urdf(mesh: str, more: str = "") -> str:
       <limit lower="-1" upper="1" velocity="1" effort="50"/></joint>{more}</robot>"""
 
 
+SDF = """<sdf version="1.6"><model name="arm"><link name="base"/><link name="finger">%s
+<inertial><mass>0.2</mass><inertia><ixx>0.1</ixx><iyy>0.1</iyy><izz>0.1</izz></inertia></inertial>
+<collision name="tip"><geometry><box><size>0.1 0.2 0.3</size></box></geometry>%s</collision></link>
+<joint name="pin" type="revolute"><parent>base</parent><child>finger</child>
+<axis><xyz>0 1 0</xyz><limit><lower>-1</lower><upper>1</upper><velocity>1</velocity><effort>5</effort></limit></axis>
+</joint></model></sdf>"""
+"""A finger, with room for what pybullet adds to a link and to a shape that is touched."""
+
+
 def shape_of(description: Path) -> tuple[np.ndarray, np.ndarray, int]:
     """Lowest and highest corner of the link's only collision shape, and how many shapes are seen of it."""
     plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
@@ -242,6 +251,18 @@ def test_a_mesh_of_an_mjcf_that_is_not_there_is_named_where_it_was_looked_for(tm
     place = tmp_path / "assets" if folder else tmp_path
     with pytest.raises(ModelError, match=re.escape(f'"{place / "box.stl"}" could not be found')):
         shape_of(tmp_path / "arm.xml")
+
+
+def test_what_pybullet_says_in_an_sdf_is_left_out_and_lines_keep_their_numbers(tmp_path: Path) -> None:
+    """Its iiwa with a hand was refused: `XML Element[contact], child of element[link], not defined in SDF`."""
+    own = "<contact>\n<lateral_friction>1.0</lateral_friction><spinning_friction>1.5</spinning_friction>\n</contact>"
+    paint = "<material><ambient>1 0 0 1</ambient></material>"
+    (tmp_path / "arm.sdf").write_text(SDF % (own, paint))
+    model = Model.load(tmp_path / "arm.sdf")
+    assert (model.joints, model.last_link) == (("pin",), "finger")
+    (tmp_path / "bad.sdf").write_text((SDF % (own, paint)).replace("</collision>", "</collision>\n<nonsense/>"))
+    with pytest.raises(ModelError, match=r"bad\.sdf:6: error: .*nonsense"):
+        Model.load(tmp_path / "bad.sdf")
 
 
 @pytest.mark.parametrize("shape", ['<box size="0.1 0 0.2"/>', '<cylinder length="0.0" radius="0.1"/>'])

@@ -47,3 +47,20 @@ def test_what_is_said_of_paint_is_not_counted(tmp_path: Path, caplog: pytest.Log
             logging.getLogger("drake").warning("it.urdf:3: warning: something else")
     (line,) = [record.getMessage() for record in caplog.records if record.name == "twin_diagram"]
     assert "something else" in line and "warnings more" not in line
+
+
+def test_an_inertia_that_no_body_has_comes_first_and_without_drakes_build(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    odd = tmp_path / "odd.urdf"
+    odd.write_text(
+        """<robot name="odd"><link name="base"><inertial><mass value="0"/>
+<inertia ixx="0.05" ixy="0" ixz="0" iyy="0.06" iyz="0" izz="0.03"/></inertial></link>
+<link name="rod"><inertial><mass value="1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/>
+</inertial></link><joint name="pin" type="revolute"><safety_controller k_velocity="1"/><parent link="base"/>
+<child link="rod"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="5"/></joint></robot>"""
+    )
+    with caplog.at_level(logging.WARNING, logger="twin_diagram"):
+        Model.load(odd)
+    (line,) = [record.getMessage() for record in caplog.records if record.name == "twin_diagram"]
+    assert "inertia: SetFromRotationalInertia(): condition 'mass > 0' failed" in line and "bazel" not in line

@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -193,7 +194,8 @@ def add_arm(
     """Parse an arm into a plant that is not finalized, and weld its base at X_WB where it is free.
 
     A description without any motor (most URDFs carry no transmissions) gets one on each joint that is named, or, where
-    none is named, on each revolute joint; joints that are named get the motor they lack. Where joints are named, those
+    none is named, on each revolute joint; joints that are named get the motor they lack. A revolute joint at the end
+    which others beside it follow is a hand's, not the arm's. Where joints are named, those
     that move without them are held where the description starts them (a second arm, wheels, a head), and so are the
     knuckles of a hand that tendons pull.
 
@@ -206,10 +208,8 @@ def add_arm(
     every = _joints(plant, instances)
     joint_tree.refuse_loops(spec.model, every)
     # Before Finalize the plant does not list actuators by model instance.
-    actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
-    motors = {
-        int(actuator.joint().index()): actuator for actuator in actuators if actuator.model_instance() in instances
-    }
+    actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    motors = {int(motor.joint().index()): motor for motor in actuators if motor.model_instance() in instances}
     parts = _parts(spec, packages)
     following = unparsed.of_all(unparsed.following, parts)
     arm_joints, gripper_joints = _choose(spec, every, motors, following, unparsed.of_all(unparsed.driven, parts))
@@ -314,7 +314,9 @@ def _choose(
         driven = [joint for joint in movable if int(joint.index()) in motors or joint.name() in geared]
     else:  # what turns and is told to have none is a hand's: its tendon is moved
         driven = [j for j in driven if told.get(j.name(), True) or isinstance(j, PrismaticJoint)]
+    hands = joint_tree.turning_fingers(driven, every, following)
     fingers = [joint for joint in driven if isinstance(joint, PrismaticJoint) and joint_tree.is_finger(joint, movable)]
+    fingers += [joint for joint in driven if joint.name() in {*hands, *chain.from_iterable(hands.values())}]
     held = {int(joint.index()) for joint in fingers}
     links = [joint for joint in driven if int(joint.index()) not in held]
     arm = _by_name(spec.joints, movable, "joints") if spec.joints else joint_tree.from_the_base(links or driven, every)
@@ -324,7 +326,8 @@ def _choose(
         gripper = _by_name(spec.gripper_joints, movable, "gripper_joints")
     else:
         beside = {int(joint.index()) for joint in held_joints.beside(arm, every)} if spec.joints else set()
-        gripper = [j for j in driven if isinstance(j, PrismaticJoint) and int(j.index()) not in beside]
+        hand = (joint for joint in driven if isinstance(joint, PrismaticJoint) or joint.name() in hands)
+        gripper = [joint for joint in hand if int(joint.index()) not in beside]
     in_arm = {int(joint.index()) for joint in arm}
     joint_tree.refuse_carried(spec.model, arm, every, following)
     return arm, [joint for joint in gripper if int(joint.index()) not in in_arm]

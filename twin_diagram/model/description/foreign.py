@@ -2,8 +2,8 @@
 
 What is put right in a copy: meshes as STL, COLLADA or GLB, OBJ without normals, packages that lie above the
 description, motors or materials of one name, motors of joints that are not there, fixed joints that claim to follow
-another one, a name that lacks, shapes without volume, MJCF's bodies without mass or with several joints; in what a
-.dmd.yaml names, too. What needs none of it is parsed as it is.
+another one, a name that lacks, shapes without volume, what pybullet says of contact in an SDF, MJCF's bodies without
+mass or with several joints; in what a .dmd.yaml names, too. What needs none of it is parsed as it is.
 """
 
 from __future__ import annotations
@@ -66,8 +66,16 @@ _MEASURE = re.compile(rb"""\b(?:size|radius|length)\s*=\s*["']([^"']*)""")
 _MIMIC = re.compile(rb"<mimic\b[^>]*/>")
 """What says that a joint follows another one."""
 
-_LITERAL = re.compile(r"<literal-string>\.\w+")
-"""What Drake calls a text; of what an MJCF says, too, it says `.urdf`."""
+_BULLET = re.compile(
+    rb"<contact>\s*(?:<((?:(?:lateral|rolling|spinning)_friction|contact_[ce][fr][mp]|stiffness|damping)\b)[^<]*</\1>\s*)+"
+    rb"</contact>"
+)
+"""Of an SDF: what pybullet alone reads of a link's contact; SDFormat knows no such element there, and refuses it."""
+_PAINT = re.compile(rb"<material\b.*?</material>", re.DOTALL)
+"""Of an SDF's shape that is touched, and not seen: refused likewise."""
+
+_LITERAL = re.compile(r"<literal-string>\.\w+|<data-string>")
+"""What Drake and SDFormat call a text; of what an MJCF says, too, Drake says `.urdf`."""
 
 _NO_MASS = b'<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-15 1e-15 1e-15"'
 """In the place of no mass at all, which Drake ends the program for [kg], [kg·m²]."""
@@ -143,6 +151,8 @@ def _mended(reader: Parser, path: Path) -> str | None:
         text = _mjcf(text, path)
     elif kind == ".urdf":
         text = _urdf(text)
+    elif kind == ".sdf":
+        text = _sdf(text)
     if has_geometry or kind == ".xml":
         text = _MESH[kind].sub(_readable(path, text, folders_of(reader.package_map())), text)
     if text == given:
@@ -263,6 +273,15 @@ def _urdf(text: bytes) -> bytes:
     text = _ROBOT.sub(b'<robot name="robot"', text, count=1)
     text = _SHAPE.sub(lambda shape: b"\n" * shape[0].count(b"\n") if _is_nothing(shape[0]) else shape[0], text)
     return _FIXED.sub(lambda joint: _MIMIC.sub(b"", joint[0]), text)
+
+
+def _sdf(text: bytes) -> bytes:
+    """Return an SDF without what pybullet puts into it; lines keep their numbers."""
+
+    def lines(match: re.Match[bytes]) -> bytes:
+        return b"\n" * match[0].count(b"\n")
+
+    return _COLLISION.sub(lambda shape: _PAINT.sub(lines, shape[0]), _BULLET.sub(lines, text))
 
 
 def _names(name: bytes) -> Iterator[bytes]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, JointIndex, ModelInstanceIndex
+from pydrake.multibody.tree import Joint, JointIndex, ModelInstanceIndex, RevoluteJoint
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.unparsed import Following
@@ -143,3 +143,31 @@ def is_finger(joint: Joint, movable: Sequence[Joint]) -> bool:
     beside = [other for other in movable if other.parent_body().index() == joint.parent_body().index()]
     beyond = [other for other in movable if other.parent_body().index() == joint.child_body().index()]
     return len(beside) > 1 and not beyond
+
+
+def turning_fingers(
+    driven: Sequence[Joint], every: Sequence[Joint], following: Mapping[str, Following]
+) -> dict[str, list[str]]:
+    """Return a hand's revolute joints by name: each carries none but followers, and others on the same palm follow it.
+
+    Args:
+        driven: joints with a motor.
+        every: joints of the robot, also those that are fixed.
+        following: of each joint that follows another one, how.
+
+    Returns:
+        By the name of each its followers' names, also of those with a motor of their own.
+    """
+    above = carriers(every)
+    carrying = {int(each.index()) for joint in driven if joint.name() not in following for each in above(joint)}
+    found: dict[str, list[str]] = {}
+    for joint in driven:
+        own, palm = int(joint.index()), int(joint.parent_body().index())
+        if not isinstance(joint, RevoluteJoint) or own in carrying:
+            continue
+        led = [each for each in every if each.name() in following and following[each.name()].leader == joint.name()]
+        chains = [[each, *above(each)] for each in led]
+        beside = [chain for chain in chains if own not in {int(each.index()) for each in chain}]
+        if any(int(each.parent_body().index()) == palm for chain in beside for each in chain):
+            found[joint.name()] = [each.name() for each in led]
+    return found
