@@ -243,7 +243,7 @@ class Model:
             period = (time[-1] - time[0]) / (len(time) - 1)
             total = total + law.twist((q, v, a), period, beyond).torque
         if seen is not None and (law.dry or law.coupled) and q.ndim == 2:
-            total = law.held(total, q, v, seen if time is None else self.applied(seen, time))
+            total = law.held(total, q, v, self.applied(seen, time))
         total = law.logged(total, seen, time)
         return total if time is None else shifted(total, time, law.delay)
 
