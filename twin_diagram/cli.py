@@ -6,8 +6,8 @@ Bad input ends in one clear line on stderr and exit status 2; nothing half-writt
 from __future__ import annotations
 
 import argparse
+import functools
 import io
-import json
 import logging
 import os
 import shlex
@@ -274,11 +274,14 @@ def _add_scenario_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _overrides(arguments: argparse.Namespace) -> list[str]:
+    import yaml
+
     named = [
         f"{name}={getattr(arguments, name)}" for name in ("seed", "duration") if getattr(arguments, name) is not None
     ]
-    # In quotes: to YAML ` #` begins a comment and `: ` a mapping.
-    packages = [f"packages.{name}={json.dumps(str(folder))}" for name, folder in _packages(arguments).items()]
+    # In YAML's own quotes: to it ` #` begins a comment, `: ` a mapping, and a surrogate pair of JSON's is two letters.
+    quoted = functools.partial(yaml.safe_dump, default_style='"', width=float("inf"))
+    packages = [f"packages.{name}={quoted(str(folder)).strip()}" for name, folder in _packages(arguments).items()]
     return [*packages, *arguments.set, *named]
 
 

@@ -213,6 +213,22 @@ def test_decimals_may_have_commas_where_cells_are_parted_by_something_else(mark:
         read_log(path, tmp_path / "map.yaml")
 
 
+@pytest.mark.parametrize("place", [0, 5])
+def test_a_column_at_either_end_may_have_no_name(place: int, tmp_path: Path) -> None:
+    """As pandas writes its index, parted by tabs, and loggers that end each line with one."""
+    t, q, _, tau = motion(2)
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(GOOD))
+    columns = {"time": t, "q0": q[:, 0], "q1": q[:, 1], "t0": tau[:, 0], "t1": tau[:, 1]}
+    path = table(tmp_path / "a.csv", columns, "\t")
+    rows = [line.split("\t") for line in path.read_text().splitlines()]
+    for number, row in enumerate(rows):
+        row.insert(place, "" if number == 0 or place else f"{number}")
+    path.write_text("".join("\t".join(row) + "\n" for row in rows))
+    log = read_log(path, tmp_path / "map.yaml")
+    np.testing.assert_allclose(log.position, q)
+    np.testing.assert_allclose(log.motor_torque, tau)
+
+
 def test_samples_that_lack_something_are_left_out_and_told(tmp_path: Path) -> None:
     """As recorders write signals of several rates: what came with another one is empty."""
     t, q, _, tau = motion(2)

@@ -55,8 +55,8 @@ def head_of(lines: Iterable[str], wanted: Sequence[str], path: Path) -> Head:
     filled: list[tuple[int, str]] = []
     plain: list[int] = []
     for number, line in enumerate(lines, 1):
-        text = line.strip().lstrip(f"{COMMENT} ")
-        if not text:
+        text = line.strip(" \r\n").lstrip(f"{COMMENT} ")  # tabs at its ends stand beside columns without a name
+        if not text.strip():
             continue
         if not commented(line):
             plain.append(len(filled))

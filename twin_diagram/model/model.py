@@ -225,6 +225,7 @@ class Model:
         Returns:
             (…, n) [N·m]
         """
+        q, v, a = _samples(len(self.joints), q=q, v=v, a=a)
         if time is not None and self.timed:
             result = np.empty_like(q)
             for mask, static in self.epochs(time):
@@ -234,7 +235,6 @@ class Model:
                     through, logged = (None if x is None else x[mask] for x in (tau, seen))
                     result[mask] = static.inverse_dynamics(q[mask], v[mask], a[mask], through, seen=logged)
             return result
-        q, v, a = _samples(len(self.joints), q=q, v=v, a=a)
         q = self.true_position(q)
         law = self.law
         total = law.joint_load(q, v, a, tau)
@@ -243,7 +243,7 @@ class Model:
             period = (time[-1] - time[0]) / (len(time) - 1)
             total = total + law.twist((q, v, a), period, beyond).torque
         if seen is not None and (law.dry or law.coupled) and q.ndim == 2:
-            total = law.held(total, q, v, seen if time is None else self.applied(seen, time))
+            total = law.held(total, q, v, self.applied(seen, time))
         total = law.logged(total, seen, time)
         return total if time is None else shifted(total, time, law.delay)
 

@@ -167,6 +167,30 @@ def test_play_among_gears_that_yield_is_explained(beside: str) -> None:
     assert after < 0.3 * min(one, other)
 
 
+@pytest.mark.parametrize("late", ["torque_bias", "payload for a while"])
+def test_before_an_onset_a_model_says_what_it_says_without(late: str) -> None:
+    """At rest friction holds what arrives, which is not what a motor with another torque constant logs."""
+    wrong = [replace(CASES["coulomb_friction"], joints=list(JOINTS), parameters={"torque": [4.0] * 7})]
+    wrong += [replace(CASES["torque_constant"], joints=list(JOINTS), parameters={"gain": [1.3] * 7})]
+    plain = Model.load(replace(ARM, effects=wrong))
+    timed = Model.load(replace(ARM, effects=[*wrong, CASES[late]]))
+    time = np.linspace(0.0, 1.1, 12)
+    q, still = np.tile(HOME, (len(time), 1)), np.zeros((len(time), 7))
+    logged = plain.inverse_dynamics(q, still, still) + np.linspace(-2.0, 2.0, len(time))[:, None]
+    for model in (plain, timed):
+        np.testing.assert_allclose(model.inverse_dynamics(q, still, still, time=time, seen=logged), logged, atol=1e-9)
+    np.testing.assert_allclose(plain.inverse_dynamics(q, still, still, seen=logged), logged, atol=1e-9)
+
+
+def test_a_model_with_an_onset_takes_whole_numbers_for_numbers() -> None:
+    model = Model.load(replace(ARM, effects=[CASES["torque_bias"]]))
+    time, q = np.linspace(0.0, 2.0, 5), np.zeros((5, 7))
+    whole = [part.astype(int) for part in (q, q + 1.0, q - 2.0)]
+    np.testing.assert_array_equal(
+        model.inverse_dynamics(*whole, time=time), model.inverse_dynamics(q, q + 1.0, q - 2.0, time=time)
+    )
+
+
 DRY, RIPPLE = CASES["coulomb_friction"], CASES["torque_ripple"]
 
 

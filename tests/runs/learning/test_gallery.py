@@ -112,6 +112,12 @@ def test_how_an_object_was_displayed_is_shown_grasp_by_grasp(tmp_path: Path) -> 
     assert first.count("data:image/jpeg") == 3 and second.count("data:image/jpeg") == 2
     text = re.findall('data:image/jpeg;base64,([^"]+)', page)[0]
     assert cv2.imdecode(np.frombuffer(base64.b64decode(text), np.uint8), 1).shape == (TUNING.edge, TUNING.edge, 3)
+    # Of a grasp in which none was well followed there are none; the next one's are still the next one's.
+    state.learned[0].figures |= {"pictures_by_grasp": [3, 0, 2], "seen_after_grasps": [0.9, 0.91, 0.991]}
+    write_gallery(record, state)
+    page = (record.folder / "gallery.html").read_text()
+    assert page.count("data:image/jpeg") == 5 and "grasp 2:" not in page
+    assert "grasp 3: 2 pictures, 99.1 % of the surface seen by its end" in page
     # What is torn is missing, and the page is there all the same.
     next((record.of("object_01") / FRAMES).rglob("*.png")).write_bytes(b"torn")
     write_gallery(record, state)

@@ -137,7 +137,7 @@ def display(
         robot: the arm's own shapes.
         grasp: number of this one.
         tilts: of the tool's axis towards the camera [rad].
-        during: is told the time of each tick, for tests that meddle.
+        during: is told each tick's time since the begin of its turn [s]: for who feels what is held, or meddles.
 
     Raises:
         NoWay: the arm cannot show it at any tilt.

@@ -38,7 +38,7 @@ TUNING = Tuning()
 
 
 def strips_of(folder: Path, by_grasp: Sequence[int]) -> list[list[str]]:
-    """Return a few pictures of each grasp as base64 of JPEG; none where the pictures cannot be read.
+    """Return a few pictures of each grasp as base64 of JPEG, of one that has none []; [] where they cannot be read.
 
     Args:
         folder: of the posed pictures, in the order in which they were taken.
@@ -47,12 +47,9 @@ def strips_of(folder: Path, by_grasp: Sequence[int]) -> list[list[str]]:
     try:
         kept = TransformsFolder(folder)
         begins = np.concatenate([[0], np.cumsum(by_grasp)]).astype(int)
-        chosen = [np.linspace(a, min(b, len(kept)) - 1, TUNING.pictures) for a, b in pairwise(begins)]
-        return [
-            [_small(kept.read(int(k))) for k in np.unique(np.rint(rows).astype(int))]
-            for rows, first in zip(chosen, begins, strict=False)
-            if rows[-1] >= first
-        ]
+        ends = [(a, min(b, len(kept)) - 1) for a, b in pairwise(begins)]
+        chosen = [np.linspace(a, b, TUNING.pictures) if a <= b else np.zeros(0) for a, b in ends]
+        return [[_small(kept.read(int(k))) for k in np.unique(np.rint(rows).astype(int))] for rows in chosen]
     except (FramesError, OSError):  # what is gone or torn is missing on the page alone
         return []
 

@@ -146,6 +146,8 @@ def _shown(record: LearningRecord, one: Learned) -> str:
     counts, shares = one.figures.get("pictures_by_grasp", []), one.figures.get("seen_after_grasps", [])
     found = []
     for k, strip in enumerate(strips_of(record.of(one.name) / FRAMES, counts) if counts else []):
+        if not strip:
+            continue
         seen = f", {100 * shares[k]:.1f} % of the surface seen by its end" if k < len(shares) else ""
         images = "".join(f'<img alt="" src="data:image/jpeg;base64,{text}">' for text in strip)
         found.append(f"<p>grasp {k + 1}: {counts[k]} pictures{seen}</p><div class='strip'>{images}</div>")
