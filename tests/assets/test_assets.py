@@ -256,6 +256,15 @@ def test_a_cloud_by_others_is_taken_with_each_point_once_and_normals_of_length_1
     theirs = Asset.load(path)
     assert np.array_equal(theirs.points_O, own.points_O) and np.array_equal(theirs.colours, own.colours)
     np.testing.assert_allclose(theirs.normals_O, own.normals_O, atol=1e-12)
+    assert own.unpainted is None
+    below = twice["points"][:, 2] < 0.0
+    np.savez(path / "cloud.npz", **twice, unpainted=below)
+    marked = Asset.load(path)
+    assert np.array_equal(marked.unpainted, marked.points_O[:, 2] < 0.0)  # type: ignore[arg-type]
+    for bad in (below[1:], below.astype(float)):
+        np.savez(path / "cloud.npz", **twice, unpainted=bad)
+        with pytest.raises(AssetError, match=r"cloud\.npz: unpainted must be 400 truth values, one a point, not "):
+            Asset.load(path)
 
 
 def test_a_cloud_in_order_or_very_dense_is_mixed_and_thinned(tmp_path: Path) -> None:

@@ -66,6 +66,7 @@ class Asset:
         mass: [kg]
         size: (3,) edge lengths of the box about O that holds it [m].
         symmetries: axis of O (0 to 2) and repetitions in a whole turn (0: any) of turns that nothing tells apart.
+        unpainted: (M,) points whose colours no picture showed: they are made up; None: none is.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Asset:
     mass: float
     size: Array
     symmetries: tuple[tuple[int, int], ...] = ()
+    unpainted: npt.NDArray[np.bool_] | None = None
 
     @property
     def model_file(self) -> Path:
@@ -120,6 +122,7 @@ class Asset:
             float(spec.mass),
             size,
             parsed(spec.symmetries or (), str(description)),
+            cloud.unpainted,
         )
 
 
@@ -130,9 +133,10 @@ def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
         try:
             with np.load(cached, allow_pickle=False) as data:
                 arrays = [np.array(data[key], dtype=float) for key in ("points", "normals", "colours")]
+                unpainted = np.array(data["unpainted"]) if "unpainted" in data else None
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
             raise AssetError(f"{cached}: cannot be read: {error}; build the asset anew") from None
-        return checked_cloud(Cloud(*arrays), np.array(spec.size, dtype=float), cached)
+        return checked_cloud(Cloud(*arrays, unpainted), np.array(spec.size, dtype=float), cached)
     mesh = folder / spec.visual
     return sample(read_obj(mesh), read_png(mesh.with_suffix(".png")), TUNING.cloud_points)
 
@@ -152,6 +156,10 @@ def checked_cloud(cloud: Cloud, size: Array, file: Path | str) -> Cloud:
     good = points.ndim == 2 and points.shape[1] == 3 and points.shape == normals.shape == colours.shape
     if not good or not all(np.isfinite(a).all() for a in (points, normals, colours)):
         raise AssetError(f"{file}: points, normals and colours must be finite and of one shape (M, 3)")
+    unpainted = cloud.unpainted
+    if unpainted is not None and (unpainted.shape != (len(points),) or unpainted.dtype != np.bool_):
+        said = f"{unpainted.dtype} of shape {unpainted.shape}"
+        raise AssetError(f"{file}: unpainted must be {len(points)} truth values, one a point, not {said}")
     # Points that lie on one another would make the distance between neighbours nothing.
     once = np.sort(np.unique(points, axis=0, return_index=True)[1])
     if len(once) < TUNING.fewest:
@@ -169,7 +177,7 @@ def checked_cloud(cloud: Cloud, size: Array, file: Path | str) -> Cloud:
     # What is of length 1 already stays as it is, to the bit.
     if np.abs(length - 1.0).max() > TUNING.rounding:
         normals = normals / length
-    return Cloud(points, normals, colours)
+    return Cloud(points, normals, colours, None if unpainted is None else unpainted[once])
 
 
 def _in_random_order(points: Array) -> npt.NDArray[np.int64]:

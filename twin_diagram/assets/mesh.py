@@ -36,11 +36,15 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Cloud:
-    """Surface points: `points` (M, 3) [m], `normals` (M, 3) unit outward, `colours` (M, 3) RGB in [0, 1]."""
+    """Surface points: `points` (M, 3) [m], `normals` (M, 3) unit outward, `colours` (M, 3) RGB in [0, 1].
+
+    `unpainted` (M,) are those whose colours no picture showed, what stood on a table from below; None: none is.
+    """
 
     points: Array
     normals: Array
     colours: Array
+    unpainted: npt.NDArray[np.bool_] | None = None
 
 
 def encode_png(rgb: Image) -> bytes:

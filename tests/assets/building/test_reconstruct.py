@@ -323,6 +323,10 @@ def test_frames_become_an_asset_of_the_library(tmp_path: Path) -> None:
     assert spec.centre_std is not None and max(spec.centre_std) < 0.002 and spec.inertia_std is not None
     texture = read_png(built.folder / "visual.png")
     assert np.median(texture.reshape(-1, 3), axis=0).tolist() == [200, 40, 40]
+    assert asset.unpainted is not None
+    low = asset.points_O[:, 2] - asset.points_O[:, 2].min()
+    assert asset.unpainted[(asset.normals_O[:, 2] < -0.9) & (low < 0.001)].mean() > 0.95, "nobody saw its bottom"
+    assert asset.unpainted[low > 0.005].mean() < 0.02
     shown = asset.normals_O[:, 2] > -0.5  # its bottom takes the colour of what is near
     assert (np.abs(asset.colours[shown] - np.array([200, 40, 40]) / 255).max(axis=1) < 0.05).mean() > 0.95
 

@@ -12,6 +12,7 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.perception.registration import turned_alike
+from twin_diagram.perception.registration.alternatives import compare
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_margin import turn_speaks
 from twin_diagram.perception.registration.colour_votes import TUNING, colour_costs
@@ -23,6 +24,7 @@ from twin_diagram.perception.registration.point_kernels import FINE
 from twin_diagram.perception.registration.recognition import TUNING as RECOGNITION
 from twin_diagram.perception.registration.recognition import looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, register
+from twin_diagram.perception.registration.residuals import colour_terms
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.registration.search_aloft import afloat, centred
 from twin_diagram.perception.registration.slots import Slot
@@ -158,6 +160,29 @@ def test_a_box_that_is_followed_the_wrong_way_round_is_put_right(box: Known, tur
     view = seen([thing])
     found = register_where_expected(box, Slot(True, thing.R @ turn, thing.p, np.zeros(6), 0.93), view)
     assert found is not None and off(found.R, thing.R) < 0.02
+
+
+@pytest.mark.parametrize("made_up", [False, True])
+def test_colours_that_no_picture_showed_neither_veto_a_pose_nor_pull_at_it(box: Known, made_up: bool) -> None:
+    thing = standing(box)
+    view, right = seen([thing]), Poses(thing.R[None], thing.p[None])
+    asset = box.model.asset
+    # From above the camera sees the lid, and a side whose colours are right.
+    unseen = asset.normals_O[:, 2] > 0.9
+    told = []
+    for colours in (asset.colours, np.where(unseen[:, None], 1.0 - asset.colours, asset.colours)):
+        other = replace(asset, colours=colours, unpainted=unseen if made_up else None)
+        model = ModelCloud.of(other, 400)
+        looked = look(model, view.frame, right, 400, FINE)
+        fit, votes = assess(model, view.frame, right, 400), colour_costs(model, view.frame, right, 400)
+        shape = compare(model, view.frame, right, view.segments.points_W[::10], FINE)
+        pull = colour_terms(looked, view.frame, FINE, 0.007, 0.3).b[0]
+        told.append(np.concatenate([fit.quality, fit.likeness, fit.points, votes, shape, pull]))
+        assert fit.shape[0] > 0.95 and (0.03 < np.mean(looked.painted) < 0.97) == made_up
+    assert np.array_equal(*told) == made_up
+    assert np.isclose(*told, rtol=1e-3).any() == made_up, "of those that are not marked all are another"
+    if made_up:
+        assert told[0][0] == pytest.approx(assess(box.model, view.frame, right, 400).quality[0], abs=0.03)
 
 
 def test_where_colours_do_not_tell_a_pose_stays(box: Known) -> None:

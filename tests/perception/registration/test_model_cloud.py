@@ -11,6 +11,7 @@ import pytest
 
 from twin_diagram.assets import Asset, symmetry
 from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, other_poses, visible
+from twin_diagram.perception.registration.point_kernels import UNPAINTED
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.turned_alike import probability, unweighed
@@ -54,6 +55,17 @@ def test_colours_are_blurred_over_the_surface_among_neighbours_that_face_alike()
             weight *= asset.normals_O[near] @ asset.normals_O[m] > 0.7
             wanted = weight @ asset.colours[near] / weight.sum()
             np.testing.assert_allclose(model().colours[level, m], wanted, atol=1e-9)
+
+
+def test_colours_that_no_picture_showed_do_not_blur_into_those_that_one_did() -> None:
+    made_up = plates().points_O[:, 0] > 0.03
+    told = []
+    for grey in (0.0, 1.0):
+        colours = np.where(made_up[:, None], grey, plates().colours)
+        told.append(ModelCloud.of(replace(plates(), colours=colours, unpainted=made_up), 100))
+    np.testing.assert_array_equal(told[0].colours[:, ~made_up], told[1].colours[:, ~made_up])
+    np.testing.assert_array_equal(told[0].texture[~made_up], told[1].texture[~made_up])
+    assert (told[0].texture[made_up] == UNPAINTED).all() and told[0].texture[~made_up].max() < UNPAINTED / 1e3
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ class TsdfBackend:
         hands = frames.hands if isinstance(frames, TransformsFolder) else ()
         found = reconstruct(frames, where, self.seed, say, held=self.held, hands=hands)
         atlas = lay_out(len(found.faces))
-        picture = textured(found.views, found.vertices, found.faces, atlas)
+        picture, _ = textured(found.views, found.vertices, found.faces, atlas)
         return ColouredSurface(
             np.asarray(found.vertices)[found.faces], atlas.uv, picture, float(found.unseen), float(found.noise)
         )

@@ -144,7 +144,7 @@ def asset_of_shape(found: Reconstruction, told: AssetPlace, where: str) -> Built
         AssetError: as of `build_from_frames`.
     """
     atlas = lay_out(len(found.faces))
-    picture = textured(found.views, found.vertices, found.faces, atlas)
+    picture, blank = textured(found.views, found.vertices, found.faces, atlas)
     notes = [
         f"{100 * found.unseen:.0f} % of the surface was never seen: there it is closed by what nothing contradicts"
     ]
@@ -166,6 +166,7 @@ def asset_of_shape(found: Reconstruction, told: AssetPlace, where: str) -> Built
             notes=notes,
             errors=errors,
             hollow=hollow,
+            blank=blank,
         )
     except AssetError as error:
         raise AssetError(f"{where}: {error}") from None

@@ -145,6 +145,7 @@ def build_from_triangles(
     notes: Sequence[str] = (),
     errors: ShapeErrors | None = None,
     hollow: Hollow | None = None,
+    blank: Image | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> BuiltAsset:
     """Make an asset of triangles: weld, weigh, take apart, write.
@@ -160,6 +161,8 @@ def build_from_triangles(
         notes: for people.
         errors: of volume, centre and moments by its shape, where they are known.
         hollow: what within the triangles may be empty: volume, centre and moments are those of the mean.
+        blank: a picture as the texture is one, white where no picture showed the surface, so that its colours are
+            made up; None: nowhere.
         say: is told of each step.
 
     Raises:
@@ -190,6 +193,7 @@ def build_from_triangles(
         errors=errors,
         mass_told=told.mass is not None,
         measured=None if measured is None else replace(measured, centre=np.zeros(3)),
+        blank=blank,
     )
     folder = write_asset(new, told.library, told.replace_it)
     said += _symmetry_notes(read_spec(folder).symmetries or ())

@@ -82,8 +82,11 @@ def lay_out(count: int) -> Atlas:
 
 def textured(
     views: Sequence[DepthView], vertices: Array, faces: npt.NDArray[np.int64], atlas: Atlas
-) -> npt.NDArray[np.uint8]:
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
     """Return the picture (edge, edge, 3): each triangle from the pictures that see it and face it best.
+
+    Beside it one as large, white where a triangle's colour is made up: no picture shows it, or none but at its edges.
+    Where there are no colours at all, nothing is.
 
     Args:
         views: at their best known poses.
@@ -122,4 +125,8 @@ def textured(
     colours = np.where(shown[:, None], colours, mean[atlas.face])
     picture = np.full((atlas.edge, atlas.edge, 3), 128, np.uint8)
     picture[atlas.row, atlas.column] = np.round(255 * colours)
-    return picture
+    made_up = np.zeros_like(picture)
+    if not blank.all():
+        poor = blank | (value.max(axis=0) <= COLOURS.at_edges)
+        made_up[atlas.row, atlas.column] = 255 * poor[atlas.face, None]
+    return picture, made_up

@@ -7,8 +7,10 @@ import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -64,6 +66,7 @@ class NewAsset:
         measured: its inertia in O, whose origin is its centre; None: that of an even body.
         errors: of volume, centre and moments by its shape; None: not known.
         mass_told: whether the mass was told, not a density.
+        blank: a picture as the texture is one, white where no picture showed the surface; None: nowhere.
     """
 
     name: str
@@ -79,6 +82,7 @@ class NewAsset:
     measured: MeasuredInertia | None = None
     errors: ShapeErrors | None = None
     mass_told: bool = False
+    blank: Image | None = None
 
 
 def place_for(name: str, library: str | Path, replace: bool) -> Path:
@@ -136,12 +140,15 @@ def kept_files(folder: Path) -> list[str]:
 def _write_files(new: NewAsset, folder: Path) -> None:
     write_obj(new.mesh, folder / "visual.obj", new.texture)
     cloud = in_view(new.mesh, new.texture, ASSET.cloud_points)
-    np.savez(
-        folder / "cloud.npz",
-        points=cloud.points.astype(np.float32),
-        normals=cloud.normals.astype(np.float32),
-        colours=cloud.colours.astype(np.float32),
-    )
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "points": cloud.points.astype(np.float32),
+        "normals": cloud.normals.astype(np.float32),
+        "colours": cloud.colours.astype(np.float32),
+    }
+    if new.blank is not None and new.blank.any():
+        # The same points again: they are drawn alike.
+        arrays["unpainted"] = in_view(new.mesh, new.blank, ASSET.cloud_points).colours[:, 0] > 0.5
+    np.savez(folder / "cloud.npz", **arrays)
     (folder / "pieces").mkdir()
     flat = flat_faces(new.mesh.vertices[new.mesh.faces])
     files = [ConvexFile(f"pieces/piece{k}.obj", flattened(piece, flat)) for k, piece in enumerate(new.pieces)]

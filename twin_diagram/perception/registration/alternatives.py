@@ -80,6 +80,9 @@ class Tuning:
     colour: float = 0.12
     """Deviation of a colour [of 1]."""
 
+    unpainted: float = 1.0
+    """Square of that of a point whose colour no picture showed: what one that is right is off in the mean."""
+
     fewest: float = 4.0
     """So many points share one vote at least: a cloud leaves out what lies between its points, and so do few pixels."""
 
@@ -149,7 +152,7 @@ def colours_missed(looked: Looked, frame: Frame, weight: Array, level: int) -> t
     if not looked.coloured:
         return np.zeros(looked.colour.shape), looked.colour
     found = frame.plain_colour_at(looked.u, looked.v, level)
-    gain = brightness(found, looked.colour, looked.n, weight)[..., None]
+    gain = brightness(found, looked.colour, looked.n, weight * looked.painted)[..., None]
     lit = np.minimum(looked.colour * gain, 1.0)
     return np.asarray((found - lit) / np.maximum(gain, 0.2)), np.asarray(lit)
 
@@ -174,7 +177,7 @@ def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked
     # How well each fits is the image's points' to say: those are the same at all poses, the model's are not.
     placed = in_place(looked, frame)
     colour = np.minimum(colours_off(looked, frame, looked.facing * placed, level) / TUNING.colour, TUNING.cut)
-    each = np.where(placed, 0.25 * colour**2, 0.0)
+    each = np.where(placed, 0.25 * np.where(looked.painted, colour**2, TUNING.unpainted), 0.0)
     hidden = looked.seen & ~placed & (looked.deeper < 0) & ~looked.buried
     behind = looked.seen & ~placed & ~hidden
     each = each + 0.5 * TUNING.cut**2 * behind + TUNING.hidden * hidden

@@ -31,6 +31,9 @@ class Tuning:
     enough: float = 0.3
     """Of a pose of which less than this share is looked up, the whole counts: most of it is out of the image."""
 
+    painted: float = 0.1
+    """Where less than this share of what is in place has colours that pictures showed, they say little of the rest."""
+
     finest: float = 0.0001
     """No depth is taken to be more exact [m]: a recording may hold whole units of it."""
 
@@ -70,17 +73,21 @@ def judge(looked: Looked, frame: Frame, level: int = FINE, slack: float = 0.003)
     cuts = PlaceCuts(slack, TUNING.placed, TUNING.same_surface, RESIDUALS.model_noise)
     weight = placed_weights(looked.told, looked.flags, frame.noise, cuts)
     found = frame.plain_colour_at(looked.u, looked.v, level)
-    gain = brightness(found, looked.colour, looked.n, weight)
+    gain = brightness(found, looked.colour, looked.n, weight * looked.painted)
     cut = RESIDUALS.colour_cut if looked.coloured else np.inf
     sums = counts(looked.told, looked.flags, weight, found, gain, (cut, LOOKING.least_facing))
     shown = np.maximum(sums.shown, 1e-9)
     told = sums.shown + sums.lost
+    # What no picture showed the colours of fits as well as the rest does; as in shape, where little of that is in view.
+    known, few = sums.placed - sums.untold, TUNING.painted * sums.placed
+    share = (sums.fits + few) / np.maximum(known + few, 1e-9)
+    alike = (sums.alike + few) / np.maximum(known + few, 1e-9)
     return PoseFit(
-        quality=sums.fits / shown,
-        likeness=sums.alike / shown,
+        quality=(sums.fits + share * sums.untold) / shown,
+        likeness=(sums.alike + alike * sums.untold) / shown,
         shape=sums.placed / shown,
         visible_share=sums.shown / np.maximum(np.where(told > TUNING.enough * sums.whole, told, sums.whole), 1e-9),
-        points=sums.points,
+        points=sums.points + share * sums.untold_points,
     )
 
 

@@ -14,6 +14,7 @@ from twin_diagram.perception.registration.point_kernels import (
     FACING,
     NEAR,
     TEXTURE,
+    UNPAINTED,
     NoiseLaw,
     Z,
 )
@@ -43,12 +44,14 @@ class ColourLaw(NamedTuple):
         colour: across it [of 1].
         steep: by what texture adds to a variance of 1 [m²].
         cut: no deviation counts for more.
+        unpainted: what a point costs whose colour no picture showed.
     """
 
     bright: float
     colour: float
     steep: float
     cut: float
+    unpainted: float
 
 
 @compiled_in_place
@@ -81,6 +84,10 @@ def mean_misses(told: Array, looked: tuple[Array, Array, Array], law: ColourLaw,
         total = whole = 0.0
         for k in range(weight.shape[1]):
             if weight[b, k] == 0.0:
+                continue
+            if told[b, k, TEXTURE] >= UNPAINTED:
+                total += weight[b, k] * law.unpainted
+                whole += weight[b, k]
                 continue
             g, size, along, squared = gain[b, k], 0.0, 0.0, 0.0
             for i in range(3):

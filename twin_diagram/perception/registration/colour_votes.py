@@ -23,7 +23,7 @@ from twin_diagram.perception.registration.colour_vote_kernels import (
 from twin_diagram.perception.registration.data_association import Looked, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.point_kernels import FINE
+from twin_diagram.perception.registration.point_kernels import FINE, UNPAINTED
 from twin_diagram.perception.registration.residuals import TUNING as RESIDUALS
 from twin_diagram.perception.registration.residuals import brightness
 from twin_diagram.signals.arrays import Array
@@ -45,6 +45,9 @@ class Tuning:
 
     cut: float = 3.0
     """A deviation larger than this is a reflection's or another thing's: it costs no more."""
+
+    unpainted: float = 1.0
+    """Cost of a point whose colour no picture showed: what one that is right costs in the mean."""
 
     pixels: float = 85.0
     """So many pixels share one vote, since what is blurred and shifted errs alike: then odds are as often right as they
@@ -76,8 +79,8 @@ def colour_costs(model: ModelCloud, frame: Frame, poses: Poses, points: int) -> 
     found, gain = looked.colour, np.ones(weight.shape)
     if looked.coloured:
         found = frame.plain_colour_at(looked.u, looked.v, FINE)
-        gain = brightness(found, looked.colour, looked.n, weight)
-    law = ColourLaw(TUNING.bright, TUNING.colour, (TUNING.off / TUNING.colour) ** 2, TUNING.cut)
+        gain = brightness(found, looked.colour, looked.n, weight * looked.painted)
+    law = ColourLaw(TUNING.bright, TUNING.colour, (TUNING.off / TUNING.colour) ** 2, TUNING.cut, TUNING.unpainted)
     mean_misses(looked.told, (one_layout(found), gain, weight), law, (mean, shown))
     return np.where(shown < TUNING.least * shown[0], TUNING.never, mean * pixel_votes(model, frame, looked, shown[0]))
 
@@ -92,11 +95,14 @@ def pixel_votes(model: ModelCloud, frame: Frame, looked: Looked, shown: float) -
 
 
 def missed(off: Array, colour: Array, texture: Array) -> Array:
-    """Return (…) what it costs to be off (…, 3) from colours (…, 3) on textures (…) [nat]."""
+    """Return (…) what it costs to be off (…, 3) from colours (…, 3) on textures (…) [nat].
+
+    Colours that no picture showed cost the same whatever is off.
+    """
     way = colour / np.maximum(np.linalg.norm(colour, axis=-1, keepdims=True), 1e-6)
     along = np.einsum("...i,...i", off, way)
     across = np.maximum(np.einsum("...i,...i", off, off) - along**2, 0.0)
-    return likelihood(along, across, texture)
+    return np.where(texture < UNPAINTED, likelihood(along, across, texture), TUNING.unpainted)
 
 
 def likelihood(along: Array, across: Array, texture: Array) -> Array:

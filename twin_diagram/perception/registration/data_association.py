@@ -131,6 +131,11 @@ class Looked:
         return self.told[..., kernels.TEXTURE]
 
     @cached_property
+    def painted(self) -> Mask:
+        """(B, P) whether pictures showed the colours that the model has."""
+        return self.texture < kernels.UNPAINTED
+
+    @cached_property
     def seen(self) -> Mask:
         """(B, P) whether there is depth, and it is not the robot's."""
         return self.flags & kernels.SEEN != 0

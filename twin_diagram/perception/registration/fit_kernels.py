@@ -18,6 +18,8 @@ from twin_diagram.perception.registration.point_kernels import (
     NEAR,
     ROBOT,
     SEEN,
+    TEXTURE,
+    UNPAINTED,
     NoiseLaw,
     Z,
 )
@@ -53,6 +55,8 @@ class FitSums(NamedTuple):
         lost: lost to sight.
         whole: all that face the camera.
         points: how many fit.
+        untold: in place, but nobody knows of which colour; of these none count as fitting or alike.
+        untold_points: how many are.
     """
 
     fits: Array
@@ -62,6 +66,8 @@ class FitSums(NamedTuple):
     lost: Array
     whole: Array
     points: Array
+    untold: Array
+    untold_points: Array
 
 
 @compiled
@@ -112,7 +118,8 @@ def counts(
         cuts: a colour farther off is another thing's; cosine from which a point faces the camera.
     """
     n = flags.shape[0]
-    sums = FitSums(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+    shares = (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+    sums = FitSums(*shares, np.zeros(n), np.zeros(n), np.zeros(n))
     _count(told, flags, (weight, found, gain), cuts, sums)
     return sums
 
@@ -135,6 +142,12 @@ def _count(
             if flag & COUNTED and facing > least_facing:
                 sums.whole[b] += facing
             if weight[b, k] != 0.0:
+                sums.placed[b] += facing
+                sums.shown[b] += facing
+                if row[TEXTURE] >= UNPAINTED:
+                    sums.untold[b] += facing
+                    sums.untold_points[b] += 1.0
+                    continue
                 size = 0.0
                 for i in range(3):
                     off = found[b, k, i] - min(row[COLOUR + i] * gain[b, k], 1.0)
@@ -142,8 +155,6 @@ def _count(
                 # In proportion to the light, or else everything fits in the dark.
                 size = np.sqrt(size) / max(gain[b, k], 0.2)
                 sums.alike[b] += facing * tukey_weight(size, colour_cut)
-                sums.placed[b] += facing
-                sums.shown[b] += facing
                 if size < colour_cut:
                     sums.fits[b] += facing
                     sums.points[b] += 1.0

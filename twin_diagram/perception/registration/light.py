@@ -71,7 +71,7 @@ def tint_on(model: ModelCloud, frame: Frame, R: Array, p: Array) -> Array | None
     if not model.coloured:
         return None
     looked = look(model, frame, Poses(R[None], p[None]), TUNING.points, FINE)
-    own = (in_place(looked, frame) & looked.counted)[0]
+    own = (in_place(looked, frame) & looked.counted & looked.painted)[0]
     if np.count_nonzero(own) < TUNING.fewest:
         return None
     shown = frame.plain_colour_at(looked.u, looked.v, FINE)[0][own]

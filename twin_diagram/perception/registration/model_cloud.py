@@ -14,7 +14,7 @@ from twin_diagram.assets import Asset, symmetry
 from twin_diagram.errors import expect
 from twin_diagram.perception.registration.cloud_kernels import SurfaceCloud
 from twin_diagram.perception.registration.nearest_points import NearestPoints
-from twin_diagram.perception.registration.point_kernels import PointTable
+from twin_diagram.perception.registration.point_kernels import UNPAINTED, PointTable
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.round_body import is_round
 from twin_diagram.signals.arrays import Array
@@ -74,7 +74,8 @@ class ModelCloud:
         tree: over `points`.
         spacing: mean distance between neighbouring points [m].
         radius: of the sphere about O that holds the object [m].
-        texture: (M,) squared slope of its fine colours along the surface [1/m²].
+        texture: (M,) squared slope of its fine colours along the surface [1/m²]; `UNPAINTED` where no picture showed
+            them.
         turns: (T, 3, 3) turns about O's axes that leave the shape much as it was, but not the colours: what is mistaken
             for one another.
     """
@@ -179,6 +180,9 @@ class ModelCloud:
         distance, neighbour = tree.query(points, k=min(TUNING.neighbours, len(points)), workers=1)
         spacing = float(np.median(distance[:, 1]) * 2)
         alike = np.einsum("mki,mi->mk", normals[neighbour], normals) > 0.7
+        painted = np.ones(len(points), dtype=bool) if asset.unpainted is None else ~asset.unpainted
+        # What is made up does not blur into what is not.
+        alike &= painted[neighbour] | ~painted[:, None]
         colours = np.empty((len(TUNING.blur), *points.shape))
         for level, sigma in enumerate(TUNING.blur):
             weight = np.exp(-0.5 * (distance / sigma) ** 2) * alike
@@ -196,6 +200,7 @@ class ModelCloud:
         steps = ((colours[0][neighbour] - colours[0][:, None]) ** 2).sum(axis=2) * alike
         # A slope g makes steps of g² d² / 2 on average over all ways to go.
         texture = 2.0 * steps.sum(axis=1) / np.maximum((distance**2 * alike).sum(axis=1), 1e-12)
+        texture[~painted] = UNPAINTED
         turns = alike_turns(points, tree, 0.5 * spacing + TUNING.alike * radius, asset.symmetric_axis)
         turns = turns[[recoloured(points, tree, colours[0], turn) > TUNING.coloured for turn in turns]]
         return ModelCloud(
@@ -209,7 +214,8 @@ _KEPT: dict[bytes, ModelCloud] = {}
 
 def _digest(asset: Asset, view_points: int) -> bytes:
     digest = hashlib.sha256(f"{asset.symmetric_axis} {view_points} {TUNING}".encode())
-    for part in (asset.points_O, asset.normals_O, asset.colours):
+    unpainted = np.zeros(0, dtype=bool) if asset.unpainted is None else asset.unpainted
+    for part in (asset.points_O, asset.normals_O, asset.colours, unpainted):
         digest.update(np.ascontiguousarray(part).tobytes() + str(part.dtype).encode())
     return digest.digest()
 

@@ -50,8 +50,10 @@ def most_of_name(model: ModelCloud, frame: Frame, pose: Poses, points: int) -> f
     sigma = np.hypot(frame.camera.depth_noise(looked.z[0]), 0.5 * model.spacing)
     near = (looked.counted & looked.near & (np.abs(looked.deeper) < ASSESSMENT.same_surface))[0]
     on = near & (np.abs(looked.distance[0]) < TUNING.slack + ASSESSMENT.placed * sigma)
-    colours = looked.colour[0][on]
-    if not on.any() or np.linalg.norm(colours - colours.mean(axis=0), axis=1).mean() > MODELS.coloured:
+    colours = looked.colour[0][on & looked.painted[0]]
+    if not on.any():
+        return np.inf
+    if len(colours) and np.linalg.norm(colours - colours.mean(axis=0), axis=1).mean() > MODELS.coloured:
         return np.inf
     beside = off_round_body(looked.r[0][on] @ pose.R[0], looked.n[0][on] @ pose.R[0])
     if beside is None:

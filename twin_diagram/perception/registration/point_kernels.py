@@ -21,6 +21,9 @@ COLUMNS: Final = 16
 """How many there are."""
 COUNTED, SEEN, NEAR, MATCHED, ROBOT, BURIED = 1, 2, 4, 8, 16, 32
 """Bits of its flags."""
+UNPAINTED: Final = 1e12
+"""Texture [1/m²] of points whose colours no picture showed: far above what black beside white in a millimetre makes,
+a million."""
 FINE, COARSE = 0, 1
 """Scales of colour; indices of `Frame.colours` and `ModelCloud.colours`."""
 

@@ -19,6 +19,7 @@ from twin_diagram.perception.registration.point_kernels import (
     MATCHED,
     N_AT,
     TEXTURE,
+    UNPAINTED,
     LooksFrom,
     NoiseLaw,
     U,
@@ -163,7 +164,7 @@ def _add_depths(
 
 @compiled
 def colour_weights(told: Array, flags: npt.NDArray[np.uint8], cuts: tuple[float, float]) -> Array:
-    """Return how much the colours of points count (B, P), before they are looked at.
+    """Return how much the colours of points count (B, P), before they are looked at; nothing where none were seen.
 
     Args:
         told: (B, P, COLUMNS).
@@ -183,7 +184,7 @@ def _weigh_colours(told: Array, flags: npt.NDArray[np.uint8], cuts: tuple[float,
         for k in range(flags.shape[1]):
             row = told[b, k]
             if flags[b, k] & MATCHED and row[FACING] > 0.25 and abs(row[DEEPER]) < deepest:
-                if abs(row[DISTANCE]) < farthest:
+                if abs(row[DISTANCE]) < farthest and row[TEXTURE] < UNPAINTED:
                     weight[b, k] = row[FACING]
 
 
