@@ -450,9 +450,10 @@ def test_packages_that_cannot_be_are_named(
     assert not out.exists()
 
 
-def test_a_packages_folder_is_no_yaml(tmp_path: Path) -> None:
+@pytest.mark.parametrize("called", ["arm #2: new", "bras é", "arm \U0001f9be", os.fsdecode(b"arm \xff"), "arm\n#2\x7f"])
+def test_a_packages_folder_is_no_yaml(tmp_path: Path, called: str) -> None:
     """Of a folder called `arm #2: new` a scenario was told `arm`."""
-    folder = tmp_path / "arm #2: new"
+    folder = tmp_path / called
     folder.mkdir()
     arguments = cli._parser().parse_args(["run", "tabletop", "--packages", f"own_arm={folder}"])
     assert override_scenario(Scenario(), cli._overrides(arguments)).packages == {"own_arm": str(folder.resolve())}

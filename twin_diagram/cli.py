@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import json
 import logging
 import os
 import shlex
@@ -266,11 +265,15 @@ def _add_scenario_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _overrides(arguments: argparse.Namespace) -> list[str]:
+    import yaml
+
     named = [
         f"{name}={getattr(arguments, name)}" for name in ("seed", "duration") if getattr(arguments, name) is not None
     ]
-    # In quotes: to YAML ` #` begins a comment and `: ` a mapping.
-    packages = [f"packages.{name}={json.dumps(str(folder))}" for name, folder in _packages(arguments).items()]
+    # In YAML's own quotes: to it ` #` begins a comment, `: ` a mapping, and a surrogate pair of JSON's is two letters.
+    folders = {name: str(folder) for name, folder in _packages(arguments).items()}
+    quoted = {name: yaml.safe_dump(text, default_style='"', width=float("inf")) for name, text in folders.items()}
+    packages = [f"packages.{name}={text.strip()}" for name, text in quoted.items()]
     return [*packages, *arguments.set, *named]
 
 
