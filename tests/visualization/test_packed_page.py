@@ -29,5 +29,13 @@ def test_the_same_messages_in_the_same_order() -> None:
     assert page.split("fetch(", 1)[0][:1000] == small[:1000] and small.endswith(page[-200:])
 
 
+def test_a_message_that_cannot_be_taken_in_keeps_none_after_it_out() -> None:
+    """Each is taken in after the one before: where that failed for good, none would ever be."""
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    meshcat.SetObject("one", Box(1.0, 2.0, 3.0), Rgba(1.0, 0.0, 0.0))
+    taken_in = packed(meshcat.StaticHtml()).split("const take =")[1].split("};")[0]
+    assert taken_in.rstrip().endswith(".catch(error => console.error(error));")
+
+
 def test_another_page_stays_as_it_is() -> None:
     assert packed("<html>fetch('a')</html>") == "<html>fetch('a')</html>"

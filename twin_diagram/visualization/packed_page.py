@@ -25,9 +25,11 @@ const take = (data, packed) => { takenIn = takenIn
     .then(() => fetch("data:application/octet-binary;base64," + data))
     .then(res => packed ? new Response(res.body.pipeThrough(new DecompressionStream("deflate"))) : res)
     .then(res => res.arrayBuffer())
-    .then(buffer => viewer.handle_command_bytearray(new Uint8Array(buffer))); };
+    .then(buffer => viewer.handle_command_bytearray(new Uint8Array(buffer)))
+    .catch(error => console.error(error)); };
 """
-"""Takes one message in after the other: of what comes compressed, none overtakes the one before."""
+"""Takes one message in after the other: of what comes compressed, none overtakes the one before; what cannot be
+taken in keeps none after it out."""
 
 
 def packed(page: str) -> str:
