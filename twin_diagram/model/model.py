@@ -225,6 +225,7 @@ class Model:
         Returns:
             (…, n) [N·m]
         """
+        q, v, a = _samples(len(self.joints), q=q, v=v, a=a)
         if time is not None and self.timed:
             result = np.empty_like(q)
             for mask, static in self.epochs(time):
@@ -234,7 +235,6 @@ class Model:
                     through, logged = (None if x is None else x[mask] for x in (tau, seen))
                     result[mask] = static.inverse_dynamics(q[mask], v[mask], a[mask], through, seen=logged)
             return result
-        q, v, a = _samples(len(self.joints), q=q, v=v, a=a)
         q = self.true_position(q)
         law = self.law
         total = law.joint_load(q, v, a, tau)
@@ -284,7 +284,7 @@ class Model:
         `time` (N,) as in `inverse_dynamics`.
         """
         if time is not None and self.timed:
-            result = np.empty_like(tau)
+            result = np.empty(np.shape(tau))
             for mask, static in self.epochs(time):
                 result[mask] = static.applied(tau, time)[mask]
             return result
