@@ -6,7 +6,6 @@ Bad input ends in one clear line on stderr and exit status 2; nothing half-writt
 from __future__ import annotations
 
 import argparse
-import functools
 import io
 import logging
 import os
@@ -280,8 +279,9 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
         f"{name}={getattr(arguments, name)}" for name in ("seed", "duration") if getattr(arguments, name) is not None
     ]
     # In YAML's own quotes: to it ` #` begins a comment, `: ` a mapping, and a surrogate pair of JSON's is two letters.
-    quoted = functools.partial(yaml.safe_dump, default_style='"', width=float("inf"))
-    packages = [f"packages.{name}={quoted(str(folder)).strip()}" for name, folder in _packages(arguments).items()]
+    folders = {name: str(folder) for name, folder in _packages(arguments).items()}
+    quoted = {name: yaml.safe_dump(text, default_style='"', width=float("inf")) for name, text in folders.items()}
+    packages = [f"packages.{name}={text.strip()}" for name, text in quoted.items()]
     return [*packages, *arguments.set, *named]
 
 

@@ -91,7 +91,7 @@ class Model:
         self.effort_limit = np.array([actuator.effort_limit() for actuator in actuators])
         revolute = np.array([joint not in self.prismatic for joint in self.joints])
         self.limits = JointLimits(self.joints, revolute, self.lower, self.upper, self.effort_limit)
-        links = DescribedLinks(plant, plant.get_body(arm.last_link).name())
+        links = DescribedLinks(plant, arm)
         self.last_link = links.last_link
 
         self.timed = any(effect.when.timed for effect in self.effects)
@@ -104,7 +104,7 @@ class Model:
         self._context = plant.CreateDefaultContext()
         self.calls = PlantCalls(plant, self._context, arm)
         self.position_index, self.velocity_index = self.calls.position_index, self.calls.velocity_index
-        check_places(plant, self.joints, self.effects)
+        check_places(plant, arm, self.effects)
         rigid_changes.fold(plant, self._context, arm, (effect.change(links) for effect in self.present))
         rigid_changes.check_friction(self.joints, self.present, self.prismatic)
         self.bodies = ArmBodies(arm, links, self._context)
@@ -284,7 +284,7 @@ class Model:
         `time` (N,) as in `inverse_dynamics`.
         """
         if time is not None and self.timed:
-            result = np.empty_like(tau)
+            result = np.empty(np.shape(tau))
             for mask, static in self.epochs(time):
                 result[mask] = static.applied(tau, time)[mask]
             return result

@@ -183,12 +183,13 @@ def test_before_an_onset_a_model_says_what_it_says_without(late: str) -> None:
 
 
 def test_a_model_with_an_onset_takes_whole_numbers_for_numbers() -> None:
-    model = Model.load(replace(ARM, effects=[CASES["torque_bias"]]))
+    model = Model.load(replace(ARM, effects=[CASES["torque_bias"], CASES["torque_constant"]]))
     time, q = np.linspace(0.0, 2.0, 5), np.zeros((5, 7))
     whole = [part.astype(int) for part in (q, q + 1.0, q - 2.0)]
     np.testing.assert_array_equal(
         model.inverse_dynamics(*whole, time=time), model.inverse_dynamics(q, q + 1.0, q - 2.0, time=time)
     )
+    np.testing.assert_array_equal(model.applied(whole[1], time), model.applied(q + 1.0, time))
 
 
 DRY, RIPPLE = CASES["coulomb_friction"], CASES["torque_ripple"]

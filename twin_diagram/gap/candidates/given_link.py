@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from pydrake.math import RigidTransform
-
 from twin_diagram.model.effects.link_inertia import InertialParameters, about_centre
 from twin_diagram.model.model import Model
-from twin_diagram.model.rigid_body import rigid_tree
 from twin_diagram.signals.arrays import Array
 
 
@@ -15,8 +12,7 @@ def link_inertia(model: Model, link: str) -> tuple[float, Array, Array]:
 
     Mass, centre (3,) and inertia (6,), with what the model adds to the link.
     """
-    body = model.plant.GetBodyByName(link)
-    mass, centre, inertia = about_centre(rigid_tree.inertia_vector(body.default_spatial_inertia(), RigidTransform()))
+    mass, centre, inertia = about_centre(model.bodies.links.inertia(link))
     for effect in model.present:
         if isinstance(effect, InertialParameters) and effect.links == (link,):
             mass = mass + float(effect.value("mass")[0])

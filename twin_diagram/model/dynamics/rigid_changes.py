@@ -12,6 +12,7 @@ from pydrake.systems.framework import Context
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import Arm
+from twin_diagram.model.description.links import link_of
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.friction import CoulombFriction, ViscousFriction
 from twin_diagram.model.effects.inertia import ReflectedInertia
@@ -37,7 +38,7 @@ def fold(plant: MultibodyPlant, context: Context, arm: Arm, changes: Iterable[Ri
     prismatic = arm.prismatic(plant)
     for change in changes:
         for link, added in change.inertia.items():
-            body = plant.GetBodyByName(link)
+            body = link_of(plant, arm, link)
             present = body.CalcSpatialInertiaInBodyFrame(context)
             whole = inertia_vector(present, RigidTransform()) + added
             body.SetSpatialInertiaInBodyFrame(context, spatial_inertia(whole))

@@ -12,6 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
 from twin_diagram.model.description.add_arm import Arm
+from twin_diagram.model.description.links import link_of
 from twin_diagram.model.rigid_body import from_plant
 from twin_diagram.model.rigid_body.rigid_tree import RigidTree, inertia_vector
 from twin_diagram.signals.arrays import Array
@@ -23,15 +24,20 @@ class DescribedLinks:
 
     Attributes:
         plant: finalized, holds the arm.
-        last_link: name of the child link of the last arm joint that is no finger; payloads hang on it.
+        arm: whose they are.
     """
 
     plant: MultibodyPlant
-    last_link: str
+    arm: Arm
+
+    @property
+    def last_link(self) -> str:
+        """Name of the child link of the last arm joint that is no finger; payloads hang on it."""
+        return str(self.plant.get_body(self.arm.last_link).name())
 
     def inertia(self, link: str) -> Array:
         """Return the ten inertial parameters (10,) of a link about its own origin, in its own frame."""
-        return inertia_vector(self.plant.GetBodyByName(link).default_spatial_inertia(), RigidTransform())
+        return inertia_vector(link_of(self.plant, self.arm, link).default_spatial_inertia(), RigidTransform())
 
 
 class ArmBodies:
@@ -55,4 +61,4 @@ class ArmBodies:
     def body_of(self, link: str) -> tuple[int, RigidTransform]:
         """Return which body of `tree` carries a link (-1: it stands still), and X_ML of the link in its frame M."""
         plant = self.links.plant
-        return from_plant.carrier(plant, self._context, self._arm, plant.GetBodyByName(link))
+        return from_plant.carrier(plant, self._context, self._arm, link_of(plant, self._arm, link))

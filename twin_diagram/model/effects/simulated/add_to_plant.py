@@ -68,7 +68,7 @@ def add_to_plant(
     own: list[Effect | EffectSpec] = [*stated_effects(arm), *arm.spec.effects]
     chosen = own if effects is None else effects
     each = [make(effect) if isinstance(effect, EffectSpec) else effect for effect in chosen]
-    check_places(plant, arm.joints, each)
+    check_places(plant, arm, each)
     made = tuple(lessened(each, arm.prismatic(plant)))
     realised = realisations(made)
     for effect in realised:

@@ -11,6 +11,7 @@ from pydrake.multibody.tree import RigidBody, SpatialInertia, UnitInertia, WeldJ
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import Arm
+from twin_diagram.model.description.links import link_of
 from twin_diagram.model.effects.environment import GravityTilt
 from twin_diagram.model.effects.inertia import Payload, ReflectedInertia
 from twin_diagram.model.effects.link_inertia import InertialParameters, spatial_inertia
@@ -40,7 +41,7 @@ class WeldedMass(Realisation[Payload]):
 
 def carrying_body(plant: MultibodyPlant, arm: Arm, effect: Payload) -> RigidBody:
     """Return the body of the link that carries a payload."""
-    return plant.GetBodyByName(effect.links[0]) if effect.links else plant.get_body(arm.last_link)
+    return link_of(plant, arm, effect.links[0]) if effect.links else plant.get_body(arm.last_link)
 
 
 @realises(ReflectedInertia)
@@ -65,7 +66,7 @@ class ExchangedLink(Realisation[InertialParameters]):
 
     def before_finalize(self, plant: MultibodyPlant, arm: Arm) -> None:
         """Weld to the link itself as it is, and itself as described with a negative mass."""
-        link = plant.GetBodyByName(self.effect.links[0])
+        link = link_of(plant, arm, self.effect.links[0])
         present = rigid_tree.inertia_vector(link.default_spatial_inertia(), RigidTransform())
         for sign, vector in ((1.0, self.effect.whole(present)), (-1.0, present)):
             if vector[0] == 0.0:

@@ -18,6 +18,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from twin_diagram.model.description.add_arm import Arm
+from twin_diagram.model.description.links import link_of
 from twin_diagram.model.effects.effect import Effect
 from twin_diagram.model.effects.environment import ExternalForce
 from twin_diagram.model.effects.inertia import Payload
@@ -52,14 +53,13 @@ class Push(LeafSystem):
     def __init__(self, plant: MultibodyPlant, arm: Arm, effects: Sequence[Effect]) -> None:
         """Build it for a finalized plant."""
         super().__init__()
-        instance = plant.get_body(arm.base).model_instance()
         self._plant, self._step = plant, plant.time_step()
         self._pushes = []
         for effect in effects:
             if not isinstance(effect, ExternalForce):
                 continue
             force = ExternallyAppliedSpatialForce()
-            force.body_index = plant.GetBodyByName(effect.links[0], instance).index()
+            force.body_index = link_of(plant, arm, effect.links[0]).index()
             wrench: Any = effect.value("wrench")
             force.F_Bq_W = SpatialForce(tau=wrench[3:], f=wrench[:3])
             force.p_BoBq_B = cast(Any, effect.value("point"))
