@@ -132,11 +132,11 @@ def _cloud(folder: Path, spec: AssetSpec) -> Cloud:
     if cached.is_file():
         try:
             with np.load(cached, allow_pickle=False) as data:
-                arrays = [np.array(data[key], dtype=float) for key in ("points", "normals", "colours")]
+                read = [np.array(data[key], dtype=float) for key in ("points", "normals", "colours")]
                 unpainted = np.array(data["unpainted"]) if "unpainted" in data else None
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
             raise AssetError(f"{cached}: cannot be read: {error}; build the asset anew") from None
-        return checked_cloud(Cloud(*arrays, unpainted), np.array(spec.size, dtype=float), cached)
+        return checked_cloud(Cloud(read[0], read[1], read[2], unpainted), np.array(spec.size, dtype=float), cached)
     mesh = folder / spec.visual
     return sample(read_obj(mesh), read_png(mesh.with_suffix(".png")), TUNING.cloud_points)
 

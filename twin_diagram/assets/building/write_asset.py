@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -140,7 +139,7 @@ def kept_files(folder: Path) -> list[str]:
 def _write_files(new: NewAsset, folder: Path) -> None:
     write_obj(new.mesh, folder / "visual.obj", new.texture)
     cloud = in_view(new.mesh, new.texture, ASSET.cloud_points)
-    arrays: dict[str, npt.NDArray[Any]] = {
+    arrays: dict[str, Any] = {
         "points": cloud.points.astype(np.float32),
         "normals": cloud.normals.astype(np.float32),
         "colours": cloud.colours.astype(np.float32),
