@@ -33,7 +33,6 @@ _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
 _HEADER, _TRIANGLE = 84, 50
 """Bytes of a binary STL before its triangles, and of each."""
 
-_LOG = logging.getLogger("twin_diagram")
 _told: set[Path] = set()
 """Pictures of which it was said that they cannot be read."""
 
@@ -105,7 +104,9 @@ def _finished(path: Path, content: bytes, materials: Mapping[str, bytes]) -> Pat
         turned[name] = png.name if png.stat().st_size else ""
         if not turned[name] and folder / name not in _told:
             _told.add(folder / name)
-            _LOG.warning("%s: no picture that can be read; drawn without (save it as PNG or JPEG)", folder / name)
+            logging.getLogger("twin_diagram").warning(
+                "%s: no picture that can be read; drawn without (save it as PNG or JPEG)", folder / name
+            )
 
     def material(text: bytes, home: Path) -> bytes:
         way = os.path.relpath(folder, home)
