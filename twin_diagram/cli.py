@@ -96,15 +96,10 @@ def _worth_saying(record: logging.LogRecord) -> bool:
     """Leave out what Drake says of joint friction, which `model.description.unparsed` reads, and of meshes' paint.
 
     Of that, Meshcat and the renderer say lines for each OBJ whose .mtl is not there, as of most published arms: twenty
-    for a UR5e, 232 for a Panda as MJCF. Nothing here is deformable, so neither matters what such contact lacks.
+    for a UR5e, 232 for a Panda as MJCF. Nothing here is deformable, so what such contact lacks does not matter either.
     """
-    left_out = (
-        "non-zero joint friction",
-        "no materials will be included",
-        "Material file [",
-        "has its own materials, but",
-        "not currently supported for deformable contact",
-    )
+    paint = ("no materials will be included", "Material file [", "has its own materials, but")
+    left_out = ("non-zero joint friction", "not currently supported for deformable contact", *paint)
     return record.levelno >= logging.WARNING and not any(words in record.getMessage() for words in left_out)
 
 

@@ -257,8 +257,8 @@ class HealthMonitor(LeafSystem):
     def _update(self, context: Context, discrete: DiscreteValues) -> None:
         now, patience = context.get_time(), self._patience
         first_image, missed, began, *before = context.get_discrete_state_vector().value()[self._size :]
-        stamps, came = self._stamps(context), np.split(np.array(before), 2)
-        came = np.where(stamps == came[0], came[1], now)
+        stamps, (told, seen) = self._stamps(context), np.split(np.array(before), 2)
+        came = np.where(stamps == told, seen, now)
         newest, usable, *images = np.minimum(stamps, came)
         silent = ceased(now, newest, patience.message, began)
         useless = np.inf

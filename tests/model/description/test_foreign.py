@@ -7,6 +7,7 @@ import re
 import struct
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from pydrake.geometry import Role, SceneGraph
@@ -209,6 +210,30 @@ def test_an_obj_without_normals_keeps_its_materials(tmp_path: Path) -> None:
     picture = (turned.parent / "box.mtl").read_text().split("map_Kd ")[1].strip()
     assert (turned.parent / picture).resolve() == tmp_path / "red.png"
     assert mesh_files.readable(turned) == turned
+
+
+def test_a_picture_that_is_no_png_is_turned_or_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Drake's renderer told of each in some twenty lines of errors, and of one more for each image."""
+    red = np.zeros((4, 6, 3), np.uint8)
+    red[..., 2] = 255
+    (tmp_path / "red.jpg").write_bytes(cv2.imencode(".jpg", red)[1].tobytes())
+    (tmp_path / "blue.tga").write_bytes(b"no picture")
+    (tmp_path / "fine.png").write_bytes(cv2.imencode(".png", red)[1].tobytes())
+    (tmp_path / "box.obj").write_bytes(b"mtllib box.mtl\nvn 0 0 1\nusemtl red\n" + OBJ)
+    (tmp_path / "box.mtl").write_text(
+        "newmtl red\nmap_Kd red.jpg\nnewmtl blue\nKd 0 0 1\nmap_Kd blue.tga\nnewmtl fine\nmap_Kd fine.png\n"
+    )
+    turned = mesh_files.readable(tmp_path / "box.obj")
+    assert turned.read_bytes() == (tmp_path / "box.obj").read_bytes()
+    materials = (turned.parent / "box.mtl").read_text()
+    first, second = (turned.parent / name for name in re.findall("map_Kd (.*)", materials))
+    np.testing.assert_array_equal(cv2.imread(str(first)), cv2.imread(str(tmp_path / "red.jpg")))
+    assert first.suffix == ".png" and second.resolve() == tmp_path / "fine.png" and "Kd 0 0 1" in materials
+    mesh_files.readable(tmp_path / "box.obj")
+    (said,) = [record.getMessage() for record in caplog.records]
+    assert said.startswith(str(tmp_path / "blue.tga")) and "drawn without" in said
+    (tmp_path / "box.mtl").write_text("newmtl red\nmap_Kd fine.png\nmap_Bump red.jpg\n")
+    assert mesh_files.readable(tmp_path / "box.obj") == tmp_path / "box.obj"
 
 
 def test_what_cannot_be_kept_is_turned_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,7 @@
 """Lets Drake's parsers read descriptions as other programs write them.
 
-What is put right in a copy: meshes as STL, COLLADA or GLB, OBJ without normals, packages that lie above the
-description, motors or materials of one name, motors of joints that are not there, fixed joints that claim to follow
+What is put right in a copy: meshes as STL, COLLADA or GLB, OBJ without normals or with JPEGs, packages that lie above
+the description, motors or materials of one name, motors of joints that are not there, fixed joints that claim to follow
 another one, a name that lacks, shapes without volume, what pybullet says of contact in an SDF, MJCF's bodies without
 mass or with several joints; in what a .dmd.yaml names, too. What needs none of it is parsed as it is.
 """

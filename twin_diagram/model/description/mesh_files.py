@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import io
+import logging
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +33,9 @@ _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
 _HEADER, _TRIANGLE = 84, 50
 """Bytes of a binary STL before its triangles, and of each."""
 
+_told: set[Path] = set()
+"""Pictures of which it was said that they cannot be read."""
+
 
 def readable(path: Path) -> Path:
     """Return a file of the same shape and stem that Drake reads, in the unit of the file: an OBJ, of a GLB a glTF.
@@ -43,7 +48,9 @@ def readable(path: Path) -> Path:
     """
     content, suffix = path.read_bytes(), path.suffix.lower()
     if suffix == ".obj":
-        return _finished(path, content) if scene_files.lacks_normals(content) else path
+        materials = _materials(path, content)
+        odd = any(map(scene_files.other_pictures, materials.values())) and find_spec("cv2") is not None
+        return _finished(path, content, materials) if odd or scene_files.lacks_normals(content) else path
     name = f"meshes/{_digest(content)}/{path.stem}"
     if suffix == ".glb":
         return _kept(f"{name}.gltf", lambda _: _read(path, lambda: scene_files.gltf_of(content)))
@@ -78,15 +85,47 @@ def _hull_text(path: Path) -> str:
     return "\n".join([*lines, ""])
 
 
-def _finished(path: Path, content: bytes) -> Path:
-    """Return a copy of an OBJ with normals, and with its materials, whose pictures stay where they are."""
+def _materials(path: Path, content: bytes) -> dict[str, bytes]:
+    """Return the texts of the files of materials that an OBJ names and that are beside it, by name."""
     folder = path.parent.resolve()
     own = [name for name in scene_files.libraries(content) if Path(name).name == name and (folder / name).is_file()]
-    materials = {name: (folder / name).read_bytes() for name in own}
-    place = f"meshes/{_digest(content, str(folder).encode(), *materials.values())}"
+    return {name: (folder / name).read_bytes() for name in own}
+
+
+def _finished(path: Path, content: bytes, materials: Mapping[str, bytes]) -> Path:
+    """Return a copy of an OBJ with normals, and with its materials, whose pictures stay where they are if Drake can."""
+    folder = path.parent.resolve()
+    named = dict.fromkeys(name for text in materials.values() for name in scene_files.other_pictures(text))
+    pictures = {name: (folder / name).read_bytes() for name in named if (folder / name).is_file()}
+    place = f"meshes/{_digest(content, str(folder).encode(), *materials.values(), *pictures.values())}"
+    turned = {}
+    for k, (name, picture) in enumerate(pictures.items()):
+        png = _kept(f"{place}/{k}.png", lambda _, picture=picture: _png(picture))  # type: ignore[misc]
+        turned[name] = png.name if png.stat().st_size else ""
+        if not turned[name] and folder / name not in _told:
+            _told.add(folder / name)
+            logging.getLogger("twin_diagram").warning(
+                "%s: no picture that can be read; drawn without (save it as PNG or JPEG)", folder / name
+            )
+
+    def material(text: bytes, home: Path) -> bytes:
+        way = os.path.relpath(folder, home)
+        return scene_files.with_pictures(
+            scene_files.moved(text, way), {f"{way}/{name}": other for name, other in turned.items()}
+        )
+
     for name, text in materials.items():
-        _kept(f"{place}/{name}", lambda home, text=text: scene_files.moved(text, os.path.relpath(folder, home)))  # type: ignore[misc]
-    return _kept(f"{place}/{path.stem}.obj", lambda _: _read(path, lambda: scene_files.with_normals(content)))
+        _kept(f"{place}/{name}", lambda home, text=text: material(text, home))  # type: ignore[misc]
+    whole = scene_files.with_normals if scene_files.lacks_normals(content) else bytes
+    return _kept(f"{place}/{path.stem}.obj", lambda _: _read(path, lambda: whole(content)))
+
+
+def _png(picture: bytes) -> bytes:
+    """Return a picture as a PNG; nothing where it cannot be read."""
+    import cv2  # not everybody who loads a model has it
+
+    read = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR) if picture else None
+    return b"" if read is None else cv2.imencode(".png", read)[1].tobytes()
 
 
 def _digest(*parts: bytes) -> str:

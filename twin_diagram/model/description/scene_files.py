@@ -1,4 +1,4 @@
-"""Puts right mesh files that Drake reads in part: OBJ without normals, which its renderer refuses, and GLB."""
+"""Puts right mesh files that Drake reads in part: OBJ without normals or with pictures other than PNG, and GLB."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import bisect
 import json
 import re
 import struct
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -22,6 +23,8 @@ _LIBRARY = re.compile(rb"^([ \t]*mtllib[ \t]+)([^\r\n]+?)[ \t]*$", re.MULTILINE)
 """Of an OBJ: what stands before a file of materials, and the file."""
 _PICTURE = re.compile(rb"^([ \t]*map_\w+[ \t]+)([^-\s][^\r\n]*?)[ \t]*$", re.MULTILINE)
 """Of an OBJ's materials: what stands before a picture's file, and the file."""
+_COLOURS = re.compile(rb"^([ \t]*map_Kd[ \t]+)([^-\s][^\r\n]*?)[ \t]*$", re.MULTILINE)
+"""The same of the one picture that Drake draws."""
 
 
 def lacks_normals(content: bytes) -> bool:
@@ -37,6 +40,22 @@ def libraries(content: bytes) -> list[str]:
 def moved(materials: bytes, way: str) -> bytes:
     """Return an OBJ's materials whose pictures are found from another folder; `way` leads from there to their own."""
     return _PICTURE.sub(lambda match: match[1] + f"{way}/{match[2].decode(errors='replace')}".encode(), materials)
+
+
+def other_pictures(materials: bytes) -> list[str]:
+    """Return the pictures that Drake draws of an OBJ's materials and that are no PNG, the one kind that it reads."""
+    names = (match[2].decode(errors="replace") for match in _COLOURS.finditer(materials))
+    return [name for name in dict.fromkeys(names) if not name.lower().endswith(".png")]
+
+
+def with_pictures(materials: bytes, others: Mapping[str, str]) -> bytes:
+    """Return an OBJ's materials with others in the place of some pictures, or without where the other has no name."""
+
+    def put(match: re.Match[bytes]) -> bytes:
+        other = others.get(match[2].decode(errors="replace"))
+        return match[0] if other is None else match[1] + other.encode() if other else b""
+
+    return _COLOURS.sub(put, materials)
 
 
 def with_normals(content: bytes) -> bytes:
