@@ -95,8 +95,7 @@ def _leave_stdout() -> None:
 def _worth_saying(record: logging.LogRecord) -> bool:
     """Leave out what Drake says of joint friction, which `model.description.unparsed` reads, and of meshes' paint.
 
-    Of that, Meshcat and the renderer say lines for each OBJ whose .mtl is not there, as of most published arms: twenty
-    for a UR5e, 232 for a Panda as MJCF. Nothing here is deformable, so what such contact lacks does not matter either.
+    Of that a Panda as MJCF has 232 lines, one for each OBJ whose .mtl is not there; and nothing here is deformable.
     """
     paint = ("no materials will be included", "Material file [", "has its own materials, but")
     left_out = ("non-zero joint friction", "not currently supported for deformable contact", *paint)
@@ -270,12 +269,11 @@ def _add_scenario_options(parser: argparse.ArgumentParser) -> None:
 def _overrides(arguments: argparse.Namespace) -> list[str]:
     import yaml
 
-    named = [
-        f"{name}={getattr(arguments, name)}" for name in ("seed", "duration") if getattr(arguments, name) is not None
-    ]
+    given = {name: getattr(arguments, name) for name in ("seed", "duration")}
+    named = [f"{name}={value}" for name, value in given.items() if value is not None]
     # In YAML's own quotes: to it ` #` begins a comment, `: ` a mapping, and a surrogate pair of JSON's is two letters.
-    folders = {name: str(folder) for name, folder in _packages(arguments).items()}
-    quoted = {name: yaml.safe_dump(text, default_style='"', width=float("inf")) for name, text in folders.items()}
+    told = _packages(arguments).items()
+    quoted = {name: yaml.safe_dump(str(folder), default_style='"', width=float("inf")) for name, folder in told}
     packages = [f"packages.{name}={text.strip()}" for name, text in quoted.items()]
     return [*packages, *arguments.set, *named]
 

@@ -161,18 +161,15 @@ def build_from_triangles(
         notes: for people.
         errors: of volume, centre and moments by its shape, where they are known.
         hollow: what within the triangles may be empty: volume, centre and moments are those of the mean.
-        blank: a picture as the texture is one, white where no picture showed the surface, so that its colours are
-            made up; None: nowhere.
+        blank: as the texture, white where no picture showed the surface: colours are made up there; None: nowhere.
         say: is told of each step.
 
     Raises:
         AssetError: triangles without an area; or as of `write_asset`.
     """
     surface = _welded(corners)
-    within = solid_of(surface)
-    solid = within if hollow is None else less(within, hollow)
-    measured = told.measured
-    centre = solid.centre if measured is None else np.asarray(measured.centre)
+    within, solid = _solids(surface, hollow)
+    centre = solid.centre if told.measured is None else np.asarray(told.measured.centre)
     surface = replace(surface, vertices=surface.vertices - centre)
     say(f"{len(surface.vertices)} vertices, {solid.volume * 1e6:.4g} cm³; looking for convex pieces that hold it")
     pieces = _pieces(surface, within)
@@ -192,12 +189,11 @@ def build_from_triangles(
         unseen=unseen,
         errors=errors,
         mass_told=told.mass is not None,
-        measured=None if measured is None else replace(measured, centre=np.zeros(3)),
+        measured=None if told.measured is None else replace(told.measured, centre=np.zeros(3)),
         blank=blank,
     )
     folder = write_asset(new, told.library, told.replace_it)
-    said += _symmetry_notes(read_spec(folder).symmetries or ())
-    return BuiltAsset(folder, mass, solid.volume, np.ptp(surface.vertices, axis=0), tuple(said))
+    return BuiltAsset(folder, mass, solid.volume, np.ptp(surface.vertices, axis=0), (*said, *_symmetry_notes(folder)))
 
 
 def _welded(corners: Array) -> Surface:
@@ -206,6 +202,12 @@ def _welded(corners: Array) -> Surface:
     if not len(surface.faces):
         raise AssetError("the mesh has no faces (triangles) with an area")
     return surface
+
+
+def _solids(surface: Surface, hollow: Hollow | None) -> tuple[EvenBody, EvenBody]:
+    """Return the body within a surface, full, and what of it is there once what may be empty counts by its chance."""
+    full = solid_of(surface)
+    return full, full if hollow is None else less(full, hollow)
 
 
 def _pieces(surface: Surface, solid: EvenBody) -> Pieces:
@@ -271,5 +273,6 @@ def _volume_notes(surface: Surface, solid: EvenBody) -> list[str]:
     return [f"{why}: volume {solid.volume * 1e6:.4g} cm³, centre and inertia are by {how}"]
 
 
-def _symmetry_notes(symmetries: Sequence[str]) -> list[str]:
+def _symmetry_notes(folder: Path) -> list[str]:
+    symmetries = read_spec(folder).symmetries
     return [f"looks the same turned: {', '.join(symmetries)} (asset.yaml: symmetries)"] if symmetries else []
