@@ -95,6 +95,11 @@ class Segments:
         """`points_W` as compiled functions take them: copied once, for each call would."""
         return one_layout(self.points_W)
 
+    @cached_property
+    def cells(self) -> npt.NDArray[np.int64]:
+        """(N,) which cell of `label_image`, row by row, each point is in."""
+        return np.flatnonzero(self.label_image.ravel() >= 0)
+
     @staticmethod
     def empty(camera: Pinhole, stride: int, table_height: float = 0.0) -> Segments:
         """Return what there is before the first image."""

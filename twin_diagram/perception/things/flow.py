@@ -17,6 +17,7 @@ import numpy.typing as npt
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things import flow_kernels
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 from twin_diagram.signals.layouts import NEVER
 
 
@@ -152,46 +153,21 @@ def _laid(seen: _Seen, start: Array, noise: float) -> tuple[float, Flow] | None:
 
     Left is the sum of squares, none larger than the last round's reach, in those; what meets nothing counts as one.
     """
-    lever, age = seen.places - seen.places.mean(axis=0), seen.age
-    turn, shift, spin = np.zeros(3), start.copy(), np.eye(3) / (TUNING.spins * age) ** 2
-    share, left = np.zeros((6, 6)), 0.0
-    for reach in TUNING.reach:
-        turned, n = seen.places + np.cross(turn, lever), seen.normals + np.cross(turn, seen.normals)
-        met = flow_kernels.meet(turned, n, seen.points, seen.facing, shift, reach, TUNING.alike)
-        there = met[:, 1] > 0.0
-        if there.sum() < TUNING.fewest:
-            return None
-        off, n = met[there, 0], n[there]
-        left = float(((off / reach) ** 2).sum() + (~there).sum())
-        least = float(np.hypot(noise, TUNING.slant * np.linalg.norm(shift)))
-        scale = max(least, 1.4826 * float(np.median(np.abs(off - np.median(off)))))
-        weights = np.maximum(0.0, 1.0 - (off / max(TUNING.tukey * scale, reach)) ** 2) ** 2 / scale**2
-        J = np.hstack([np.cross(lever[there], n), n])
-        weighted = (J * weights[:, None]).T
-        share, b = weighted @ J, weighted @ off
-        A = share.copy()
-        A[:3, :3] += spin
-        b[:3] -= spin @ turn
-        step = _solved(A, b)
-        turn, shift = turn + step[:3], shift + step[3:]
-    known = share[3:, 3:] - share[3:, :3] @ np.linalg.solve(share[:3, :3] + spin, share[:3, 3:])
-    return left, Flow(shift / age, 0.5 * (known + known.T) * age**2)
+    age, reach = seen.age, np.array(TUNING.reach)
+    still = 1.0 / (TUNING.spins * age) ** 2
+    left, shift, known = flow_kernels.laid(
+        *seen[:4], start, reach, TUNING.alike, noise, TUNING.slant, TUNING.tukey, still, TUNING.fewest
+    )
+    return (left, Flow(shift / age, known * age**2)) if np.isfinite(left) else None
 
 
 def _flat(own: npt.NDArray[np.int64], segments: Segments) -> npt.NDArray[np.bool_]:
     """Return (K,) which of the segments' points `own` lie on one face with what is around them."""
     r, least = TUNING.flat
-    height, width = segments.label_image.shape
-    cells = np.flatnonzero(segments.label_image.ravel() >= 0)[own]
-    whose = np.full((height + 2 * r, width + 2 * r), -1)
-    row, column = np.divmod(cells, width)
-    whose[row + r, column + r] = own
-    flat = np.ones(len(own), dtype=bool)
-    for down, right in ((-r, 0), (r, 0), (0, -r), (0, r)):
-        other = whose[row + r + down, column + r + right]
-        flat &= other >= 0
-        flat &= np.einsum("ij,ij->i", segments.normals_W[own], segments.normals_W[other]) > least
-    return flat
+    cells, normals = segments.cells[own], one_layout(segments.normals_W)
+    return flow_kernels.on_one_face(
+        own, cells, normals, segments.label_image.shape[1], segments.label_image.size, r, least
+    )
 
 
 def _noise(places: Array, segments: Segments) -> float:
@@ -199,10 +175,3 @@ def _noise(places: Array, segments: Segments) -> float:
     camera = segments.camera
     z = float(np.median((places - camera.p_WC) @ camera.R_WC[:, 2]))
     return float(np.sqrt(2.0) * camera.depth_noise(np.array(z)))
-
-
-def _solved(A: Array, b: Array) -> Array:
-    """Return the step (6), none along what A (6, 6) tells nothing of."""
-    values, vectors = np.linalg.eigh(A)
-    told = values > 1e-6 * values[-1]
-    return np.asarray(vectors[:, told] @ ((vectors[:, told].T @ b) / values[told]))

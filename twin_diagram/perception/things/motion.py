@@ -18,11 +18,14 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.perception.pinhole import DepthImage
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
+from twin_diagram.perception.things import flow_kernels
 from twin_diagram.perception.things.flow import FLOW_SIZE, VIEWS, Flow, no_views, with_view
 from twin_diagram.perception.things.seen_through import TUNING as SEEN_THROUGH
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 from twin_diagram.signals.layouts import NEVER
 
 
@@ -142,15 +145,16 @@ def shown_again(motion: ShownMotion, own: npt.NDArray[np.int64], segments: Segme
     most = max(motion.most, len(own))
     k = min(max(round(TUNING.share * most), TUNING.fewest_points), len(own))
     places, counts = np.zeros((3, 3)), np.ones((3, 3))
-    cells = np.flatnonzero(segments.label_image.ravel() >= 0)[own]
+    cells = segments.cells[own]
     mine = np.zeros(segments.label_image.size, dtype=bool)
     mine[cells] = True
+    depth = one_layout(segments.depth[:: segments.stride, :: segments.stride])
     order = np.argpartition(along, (k - 1, len(own) - k), axis=0)
     for axis in range(3):
         for side, chosen in ((0, order[:k, axis]), (2, order[len(own) - k :, axis])):
             places[side, axis] = np.median(along[chosen, axis])
             some = chosen[:: max(1, len(chosen) // TUNING.looked_at)]
-            counts[side, axis] = _cut(cells[some], mine, segments) < TUNING.cut
+            counts[side, axis] = _cut(cells[some], mine, depth, segments) < TUNING.cut
     places[1] = along.mean(axis=0)
     row = np.concatenate([[segments.time], places.ravel(), counts.ravel()])
     before = motion.rows[motion.rows[:, 0] > segments.time - TUNING.window]
@@ -252,27 +256,16 @@ def _jitter(motion: ShownMotion, rows: Array, points: Array, segments: Segments)
     return after, min(count + 1.0, TUNING.images[1])
 
 
-def _cut(cells: npt.NDArray[np.int64], mine: npt.NDArray[np.bool_], segments: Segments) -> float:
+def _cut(cells: npt.NDArray[np.int64], mine: npt.NDArray[np.bool_], depth: DepthImage, segments: Segments) -> float:
     """Return which share of an edge, its points at cells (K,) of the grid, is cut off by the border or what is nearer.
 
     Args:
         cells: of the points, as indices into the flat label image.
         mine: (cells,) which of them are the thing's own.
+        depth: (h, w) of the grid [m].
         segments: the image taken apart.
     """
-    height, width = segments.label_image.shape
-    r = TUNING.around
-    row, column = np.divmod(cells, width)
-    border = (row < r) | (row >= height - r) | (column < r) | (column >= width - r)
-    steps = np.arange(-r, r + 1)
-    rows = np.clip(row[:, None, None] + steps[:, None], 0, height - 1)
-    columns = np.clip(column[:, None, None] + steps[None, :], 0, width - 1)
-    depth, stride = segments.depth, segments.stride
-    here = depth[row * stride, column * stride].astype(float)
-    there = depth[rows * stride, columns * stride].astype(float)
-    label = segments.label_image[rows, columns]
+    here = depth.ravel()[cells].astype(float)
     slack = SEEN_THROUGH.slack + SEEN_THROUGH.sigmas * segments.camera.depth_noise(here)
-    farther = there - here[:, None, None]
-    other = (label >= 0) & ~mine[rows * width + columns] & (farther < -slack[:, None, None])
-    robot = (label == SEGMENTS.robot) & (farther < slack[:, None, None])
-    return float((border | (other | robot).any(axis=(1, 2))).mean())
+    labels = one_layout(segments.label_image)
+    return flow_kernels.cut_off(cells, mine, labels, SEGMENTS.robot, depth, slack, TUNING.around) / len(cells)

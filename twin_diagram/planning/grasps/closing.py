@@ -5,14 +5,15 @@ All in the gripper's frame G (z along the approach, y along the closing axis), f
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from twin_diagram.planning.grasps import closing_kernels
 from twin_diagram.planning.grasps.gripper import Gripper
-from twin_diagram.planning.grasps.slab import Flags, Indices, Slab
+from twin_diagram.planning.grasps.slab import Flags, Slab
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 
 @dataclass(frozen=True)
@@ -98,18 +99,20 @@ def finger_stop(slab: Slab, gripper: Gripper, margin: float, offset: Array, othe
         offset: (K,) of the gripper along y [m].
         other: (M,) entries that must not come between the fingers either.
     """
-    half = gripper.opening_most / 2
-    aside = np.abs(slab.q[1] - offset[slab.pose])
-    x = np.abs(slab.q[0])
-    outside = other | (aside >= half - TUNING.beside)
-    tip = outside & (aside <= half + gripper.finger_thickness + TUNING.beside)
-    tip &= x <= gripper.finger_width / 2 + margin
-    stop = slab.least(np.where(tip, slab.q[2], np.inf)) - gripper.finger_front
+    inner = gripper.opening_most / 2
+    x = gripper.finger_width / 2 + margin
+    z = _before(slab, offset, other, inner, gripper.finger_thickness, x)
+    stop = z - gripper.finger_front
     if gripper.root_thickness > 0:
-        root = outside & (aside <= half + gripper.root_thickness + TUNING.beside)
-        root &= x <= gripper.root_width / 2 + margin
-        stop = np.minimum(stop, slab.least(np.where(root, slab.q[2], np.inf)) - gripper.root_front)
+        z = _before(slab, offset, other, inner, gripper.root_thickness, gripper.root_width / 2 + margin)
+        stop = np.minimum(stop, z - gripper.root_front)
     return stop - TUNING.gap
+
+
+def _before(slab: Slab, offset: Array, other: Flags, inner: float, thickness: float, half: float) -> Array:
+    """Return the least z (K,) [m] of what meets something so thick on each finger's inside, to `half` along x."""
+    most, least = inner + thickness + TUNING.beside, inner - TUNING.beside
+    return closing_kernels.nearest_before(slab.pose, slab.q, offset, other, least, most, _single(half))
 
 
 def drawn_back(slab: Slab, gripper: Gripper, offset: Array, depth: Array, other: Flags) -> Array:
@@ -124,9 +127,7 @@ def drawn_back(slab: Slab, gripper: Gripper, offset: Array, depth: Array, other:
         depth: (K,) along z [m].
         other: (M,) entries that are not of the object.
     """
-    between = ~other & (np.abs(slab.q[0]) <= gripper.pad_width / 2)
-    between &= np.abs(slab.q[1] - offset[slab.pose]) <= gripper.opening_most / 2
-    far = slab.most(np.where(between, slab.q[2], -np.inf))
+    far = _between(slab, gripper, offset, other)[:, 1]
     least = gripper.pad_back + TUNING.held * (gripper.pad_front - gripper.pad_back)
     passed = np.isfinite(far) & (far < depth + least)
     return np.where(passed, far - (gripper.pad_back + gripper.pad_front) / 2, depth)
@@ -134,9 +135,18 @@ def drawn_back(slab: Slab, gripper: Gripper, offset: Array, depth: Array, other:
 
 def rim_depth(slab: Slab, gripper: Gripper, offset: Array, depth: Array, other: Flags) -> Array:
     """Return depths (K,) [m] at which nothing of an object is between the fingers behind the pads; as `drawn_back`."""
-    between = ~other & (np.abs(slab.q[0]) <= gripper.pad_width / 2)
-    between &= np.abs(slab.q[1] - offset[slab.pose]) <= gripper.opening_most / 2
-    return np.minimum(depth, slab.least(np.where(between, slab.q[2], np.inf)) - gripper.pad_back)
+    return np.minimum(depth, _between(slab, gripper, offset, other)[:, 0] - gripper.pad_back)
+
+
+def _single(length: float) -> float:
+    """Return a length [m] rounded as places in a slab are: what is right on it counts as before it."""
+    return float(np.float32(length))
+
+
+def _between(slab: Slab, gripper: Gripper, offset: Array, other: Flags) -> Array:
+    """Return the least and largest z (K, 2) [m] of what of the object is between the fingers."""
+    wide, half = gripper.opening_most / 2, _single(gripper.pad_width / 2)
+    return closing_kernels.ends_between(slab.pose, slab.q, offset, other, wide, half)
 
 
 def heights(gripper: Gripper, R: Array, p: Array, table: Array) -> Array:
@@ -202,14 +212,6 @@ class Closing:
         return Closing(**rows)
 
 
-def _mean(pad: Slab, at: Indices, weight: Array, rows: Iterable[Array]) -> Array:
-    """Return each pose's weighted mean (K, 3) of three rows of values at entries of a slab."""
-    weight = weight[at]
-    touched = Slab(pad.poses, pad.pose[at], pad.point[at], pad.q[:, at])
-    size = np.maximum(touched.total(weight), 1e-12)
-    return np.stack([touched.total(weight * row) / size for row in rows], axis=1)
-
-
 def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array, depth: Array, other: Flags) -> Closing:
     """Close the gripper at K poses, each moved by `offset` along y and `depth` along z.
 
@@ -224,41 +226,23 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
         depth: (K,) along z [m]; -inf: a pose that is none.
         other: (M,) entries that are not of the object.
     """
-    inside = np.abs(slab.q[0]) <= gripper.pad_width / 2
-    inner = slab.where(inside & ~other)
-    z, y = inner.q[2] - depth[inner.pose], inner.q[1] - offset[inner.pose]
-    between = np.flatnonzero(
-        (np.abs(y) <= gripper.opening_most / 2) & (z >= gripper.palm_front) & (z <= gripper.finger_front)
-    )
-    y, z = y[between], z[between]
-    inner = Slab(slab.poses, inner.pose[between], inner.point[between], inner.q[:, between])
-    on_pad = (z <= gripper.pad_front) & (z >= gripper.pad_back)
-    pad, beside = inner.where(on_pad), inner.where(~on_pad)
-    y_beside, y, z = y[~on_pad], y[on_pad], z[on_pad]
-    # All of them at once: quicker than to gather those that are needed first.
-    along = R[:, :, 1].astype(np.float32) @ normals.T.astype(np.float32)
-    n_y = along.reshape(-1).take(pad.pose * len(normals) + pad.point).astype(float)
-    count = pad.total(np.ones(len(y)))
-    edge, normal, contact, first = [], [], [], np.zeros(inner.poses, dtype=bool)
-    reach = [pad.most(sign * y) for sign in (1.0, -1.0)]
-    patch = np.clip(TUNING.round_share * (reach[0] + reach[1]), TUNING.patch_least, TUNING.patch)
+    entries, places = (slab.pose, slab.point, slab.q), np.empty((len(slab.pose), 3))
+    along = (gripper.palm_front, gripper.finger_front, gripper.pad_back, gripper.pad_front)
+    half, wide = _single(gripper.pad_width / 2), gripper.opening_most / 2
+    # Of all points at once: quicker than to gather those that are needed first.
+    across = R[:, :, 1].astype(np.float32) @ normals.T.astype(np.float32)
+    furthest, beside, sums = closing_kernels.reached(*entries, other, across, offset, depth, half, wide, along, places)
+    count, reach = sums[:, 0], furthest.sum(axis=1)
+    patch = np.clip(TUNING.round_share * reach, TUNING.patch_least, TUNING.patch)
     against = np.maximum(patch, TUNING.against)
-    for sign, furthest in zip((1.0, -1.0), reach, strict=True):
-        first |= beside.most(sign * y_beside) - gripper.root_setback > furthest
-        # By what the pad sees of it: a side that it does not see is not pressed. All alike where none is seen.
-        seen = np.maximum(sign * n_y, 1e-6)
-        deep = np.flatnonzero(sign * y >= (furthest - against).take(pad.pose))
-        contact.append(_mean(pad, deep, seen, (pad.q[0][deep], y[deep], z[deep])))
-        at = np.flatnonzero(sign * y >= (furthest - patch).take(pad.pose))
-        normal.append(np.einsum("kij,ki->kj", R, _mean(pad, at, seen, normals.T[:, pad.point[at]])))
-        edge.append(np.where(count > 0, sign * furthest, 0.0))
-    antipodal = pad.total(np.expm1(n_y**2) / np.expm1(1.0)) / np.maximum(count, 1.0)
+    contact, normal = closing_kernels.touched(*entries, one_layout(normals), places, furthest, against, patch)
+    edge = np.where(count[:, None] > 0, furthest * np.array([1.0, -1.0]), 0.0)
     return Closing(
         count,
-        edge[0] - edge[1],
-        (edge[0] + edge[1]) / 2,
-        np.stack(normal, axis=1),
-        np.stack(contact, axis=1),
-        antipodal,
-        first,
+        edge[:, 0] - edge[:, 1],
+        edge.sum(axis=1) / 2,
+        np.einsum("kij,ksi->ksj", R, normal),
+        contact,
+        sums[:, 1] / np.maximum(count, 1.0),
+        np.asarray((beside - gripper.root_setback > furthest).any(axis=1)),
     )

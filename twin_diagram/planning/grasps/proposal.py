@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -23,7 +24,7 @@ from twin_diagram.planning.grasps.search import grid, refine, stacked, taken
 from twin_diagram.planning.grasps.slab import Flags
 from twin_diagram.planning.grasps.surface_frames import Indices
 from twin_diagram.planning.grasps.target import GraspError, GraspTarget, target_of
-from twin_diagram.planning.grasps.triangles import meets_triangles, surface_cloud
+from twin_diagram.planning.grasps.triangles import LaidOut, laid_out, meets_triangles, surface_cloud
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 
@@ -179,6 +180,23 @@ class Wanted:
             if given.shape != (6, 6) or not np.isfinite(given).all() or np.linalg.eigvalsh(given)[0] < -1e-9:
                 raise GraspError("covariance: must be finite, (6, 6), and without negative variances")
 
+    @cached_property
+    def laid_out(self) -> LaidOut:
+        """The triangles, laid out once for all batches of candidates."""
+        assert self.triangles is not None
+        return laid_out(self.triangles)
+
+    def cloud(self, count: int) -> tuple[Array, Array]:
+        """Return points (count, 3) on the triangles and the normals there: the same each time, made once."""
+        if count not in self._clouds:
+            assert self.triangles is not None
+            self._clouds[count] = surface_cloud(self.triangles, count, self.seed)
+        return self._clouds[count]
+
+    @cached_property
+    def _clouds(self) -> dict[int, tuple[Array, Array]]:
+        return {}
+
 
 def propose(
     points: Array,
@@ -272,10 +290,10 @@ def _looked_closer(
     """Return those of some poses that hold on the mesh as well, with what samples of the object's pose cost them."""
     if wanted.triangles is not None:
         low, high = gripper.boxes(retreat=JUDGING.retreat)
-        cut = meets_triangles(wanted.triangles, part.R, part.p, low, high)
+        cut = meets_triangles(wanted.laid_out, part.R, part.p, low, high)
         reasons["in collision"] += int(cut.sum())
         # The search's points have gaps as wide as a handle; of so few poses, many points can be looked at.
-        points, normals = surface_cloud(wanted.triangles, target.enough(TUNING.fine_points), wanted.seed)
+        points, normals = wanted.cloud(target.enough(TUNING.fine_points))
         others = slice(target.own, None)
         fine = replace(
             target,

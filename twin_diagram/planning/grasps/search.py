@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -136,9 +137,12 @@ def refine(target: GraspTarget, gripper: Gripper, found: Judged, of: Indices) ->
     return every
 
 
+@cache
 def _about(axis: int, angle: float) -> Array:
-    """Return the rotation (3, 3) by an angle [rad] about x, y or z."""
-    return rotations.matrix(rotations.exp(angle * np.eye(3)[axis]))
+    """Return the rotation (3, 3) by an angle [rad] about x, y or z, read-only: it is kept."""
+    result = rotations.matrix(rotations.exp(angle * np.eye(3)[axis]))
+    result.setflags(write=False)
+    return result
 
 
 def _best_of_each(score: Array, of: Indices, most: int) -> Indices:

@@ -51,10 +51,6 @@ class Slab:
         """Return each pose's largest of values (M,), minus infinity where it has none."""
         return -self.least(-values)
 
-    def total(self, values: Array) -> Array:
-        """Return each pose's sum of values (M,)."""
-        return np.asarray(np.bincount(self.pose, weights=values, minlength=self.poses), dtype=float)
-
 
 def slab_of(q: Array, kept: Flags) -> Slab:
     """Return chosen ones of all points (K, 3, N) in the frames of K poses, kept (K, N)."""
