@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,7 +33,7 @@ class Station(Diagram):
     def __init__(self, arm_first: bool) -> None:
         super().__init__()
         builder = DiagramBuilder()
-        plant, _ = AddMultibodyPlantSceneGraph(builder, 0.001)
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
         plant.SetUseSampledOutputPorts(False)  # contacts of this moment, not of the last step
         arm = plant.AddModelInstance("arm")
         others = plant.AddModelInstance("others")
@@ -43,11 +46,11 @@ class Station(Diagram):
             self._add_arm(plant, arm)
         plant.Finalize()
         builder.ExportOutput(plant.get_contact_results_output_port(), ports.CONTACT_RESULTS)
-        scene_graph = builder.GetSubsystemByName("scene_graph")
         builder.ExportOutput(scene_graph.GetOutputPort("query"), ports.QUERY_OBJECT)
         builder.BuildInto(self)
         self.plant = plant
-        self.world = SimpleNamespace(plant=plant, arm=SimpleNamespace(arm=SimpleNamespace(instances=[arm])))
+        arm_plant = SimpleNamespace(arm=SimpleNamespace(instances=[arm]))
+        self.world = SimpleNamespace(plant=plant, scene_graph=scene_graph, arm=arm_plant)
 
     def _add_arm(self, plant: MultibodyPlant, arm: ModelInstanceIndex) -> None:
         base = solid(plant, "base", arm, Sphere(0.1))  # it touches the table
@@ -116,3 +119,33 @@ def test_contacts_with_the_arm_are_counted(station: Station) -> None:
     distance, contacts = clearance(station, hand, (1.0, 0.0, hand[1] + 2 * RADIUS - 0.004))
     assert (distance, contacts) == (pytest.approx(-0.004, abs=1e-9), 2)
     assert np.isfinite(distance)
+
+
+FINGERS = """
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.tree import FixedOffsetFrame
+from tests.runs.test_true_clearance import *
+
+MET = ((-0.05010224100077977, 0.14966910617474272, -0.009822418612038818),
+       (-0.09633719799127528, 0.04976815799799764, -0.004809412592650306))
+
+class Fingers(Station):
+    def _add_arm(self, plant, arm):
+        super()._add_arm(plant, arm)
+        base = plant.GetBodyByName("base").body_frame()
+        for name, (yaw, x, y) in zip("ab", MET):
+            X = RigidTransform(RollPitchYaw(0, 0, yaw), [x, y, 0.6])
+            finger = solid(plant, name, arm, Box(0.1, 0.01, 0.01))
+            palm = plant.AddFrame(FixedOffsetFrame(name + "_palm", base, X))
+            plant.AddJoint(PrismaticJoint(name, palm, finger.body_frame(), [0, 0, 1]))
+
+print(clearance(Fingers(True), (1.0, 0.8), AWAY))
+"""
+
+
+def test_fingers_that_just_meet_are_no_matter() -> None:
+    """Drake ended the program: `BoxBoxGradient(): condition 'Unreachable code was reached?!' failed`."""
+    done = subprocess.run(
+        [sys.executable, "-c", FINGERS], capture_output=True, text=True, cwd=Path(__file__).parents[2]
+    )
+    assert (done.returncode, done.stdout) == (0, "(0.3, 0)\n"), done.stderr

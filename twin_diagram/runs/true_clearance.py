@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, cast
 
+from pydrake.geometry import CollisionFilterDeclaration, FramePoseVector, GeometrySet, Role
 from pydrake.systems.framework import Context, Diagram
 
 from twin_diagram.station import ports
@@ -32,7 +33,8 @@ TUNING = Tuning()
 class TrueClearance:
     """Distance and contacts of a simulated station's arm, gripper included, with everything that is not the arm.
 
-    The base, which stands on its fixture, does not count against fixtures.
+    The base, which stands on its fixture, does not count against fixtures. Shapes of the arm among themselves, and of
+    all else, are left out before distances are worked out: Drake ends the program where two boxes just meet.
     """
 
     def __init__(self, station: Diagram) -> None:
@@ -49,6 +51,15 @@ class TrueClearance:
                       for g in plant.GetCollisionGeometriesForBody(plant.get_body(body))}  # fmt: skip
         self._still = {g for body in fixed if body not in self._arm_bodies
                        for g in plant.GetCollisionGeometriesForBody(plant.get_body(_index(body)))}  # fmt: skip
+        self._scene_graph = world.scene_graph
+        every = self._scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity)
+        self._shapes = self._scene_graph.CreateDefaultContext()
+        filters = self._scene_graph.collision_filter_manager(self._shapes)
+        for one_side in (list(self._arm), [g for g in every if g not in self._arm]):
+            filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(one_side)))
+        self._poses = self._scene_graph.get_source_pose_port(cast(Any, plant.get_source_id()))
+        bodies = [body for body in map(_index, range(plant.num_bodies())) if body != plant.world_body().index()]
+        self._frames = [plant.GetBodyFrameIdOrThrow(body) for body in bodies]
 
     def evaluate(self, context: Context, horizon: float = TUNING.horizon) -> tuple[float, int]:
         """Return the least distance [m], no more than `horizon` [m], and number of contacts now.
@@ -57,7 +68,7 @@ class TrueClearance:
             context: the station's.
             horizon: distances beyond this are not told apart [m].
         """
-        query: Any = self._station.GetOutputPort(ports.QUERY_OBJECT).Eval(context)
+        query: Any = self._apart(self._station.GetOutputPort(ports.QUERY_OBJECT).Eval(context))
         nearest, likely = horizon, min(max(self._before, 0.0) + TUNING.approach, horizon)
         for reach in (likely, *(closer for closer in (*TUNING.closer, horizon) if likely < closer <= horizon)):
             nearest = self._nearest(query, reach)
@@ -73,6 +84,14 @@ class TrueClearance:
             surface = results.hydroelastic_contact_info(i).contact_surface()
             contacts += (surface.id_M() in self._arm) != (surface.id_N() in self._arm)
         return nearest, contacts
+
+    def _apart(self, query: Any) -> Any:
+        """Return a query of the same poses that pairs shapes of the arm with others alone."""
+        poses = FramePoseVector()
+        for frame in self._frames:
+            poses.set_value(id=frame, value=query.GetPoseInWorld(frame))
+        self._poses.FixValue(self._shapes, poses)
+        return self._scene_graph.get_query_output_port().Eval(self._shapes)
 
     def _nearest(self, query: Any, horizon: float) -> float:
         """Return the least distance [m], or `horizon` [m] where nothing is so near."""
