@@ -14,7 +14,7 @@ from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.picking import Reach
 from twin_diagram.runs.learning.which_first import which_first
 
-TOOLS: Any = SimpleNamespace(learning=None, faces=None, robot=None)
+TOOLS: Any = SimpleNamespace(learning=None, faces=None, robot=None, gripper=SimpleNamespace(opening_most=0.115))
 
 
 def square(row: int, height: float) -> SeenThing:
@@ -55,7 +55,22 @@ def test_what_is_held_for_sure_goes_before_what_tips_of_pads_may_hold(monkeypatc
     thing, reach, _ = asked(monkeypatch, things, [False, None, False])
     assert thing is things[0] and reach is not None and reach.grasp == 0, "the highest, where none is sure"
     thing, reach, _ = asked(monkeypatch, things, [None, None, False])
+    assert thing is things[2] and reach is not None and reach.grasp == 2, "what may be held, where the highest is not"
+    thing, reach, _ = asked(monkeypatch, things, [None, None, None])
     assert thing is things[0] and reach is None
+
+
+def test_a_raised_edge_of_what_is_wider_than_the_hand_comes_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fingers closed on nothing at a cracker box's edge, met the bin's wall, and moved it by 7 mm."""
+    rows, columns = np.meshgrid(np.arange(30, 46), np.arange(16), indexing="ij")
+    pixels = np.column_stack([rows.ravel(), columns.ravel()])
+    points = np.column_stack([0.01 * pixels, np.full(256, 0.1)])
+    wide = SeenThing(points, np.zeros_like(points), pixels, np.zeros(3))
+    things = [wide, square(0, 0.06)]
+    thing, reach, _ = asked(monkeypatch, things, [False, False])
+    assert thing is things[1] and reach is not None and reach.grasp == 1
+    thing, reach, _ = asked(monkeypatch, things, [False, None])
+    assert thing is wide and reach is not None and not reach.sure
 
 
 def test_what_the_hand_has_room_for_goes_before_what_it_may_touch_others_beside(
