@@ -53,6 +53,32 @@ def test_fingers_are_opened_no_farther_than_a_thing_asks_for(monkeypatch: pytest
     assert 2.0 * aside + 0.015 < opening < 0.08, "room beside it on both sides, and 3.5 cm less than all the way"
 
 
+def between(thing: SeenThing, gap: float, height: float) -> list[np.ndarray]:
+    """Two neighbours of a box that lies along a wall, one along each of its long sides, so far off and so high."""
+    rng, (low, high) = np.random.default_rng(0), (thing.points.min(axis=0), thing.points.max(axis=0))
+    sides = [[low[1] - gap - 0.08, low[1] - gap], [high[1] + gap, high[1] + gap + 0.08]]
+    return [rng.uniform([low[0], a, height], [high[0], b, height], (4000, 3)) for a, b in sides]
+
+
+def test_fingers_push_aside_what_leaves_them_no_room_but_not_what_the_palm_would_meet(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between a ring and a cracker box that lean on it, a bottle could be had by the pads' very tips alone."""
+    monkeypatch.setattr(choosing, "reach_of", all_reached)
+    thing = beside_the_wall(0.16)
+
+    def chosen(gap: float, height: float) -> Reach | None:
+        gripper, rest = gripper_of("wsg50"), between(thing, gap, height)
+        nobody = cast(Mover, NOBODY), cast(Cell, NOBODY)
+        return choosing.choose(*nobody, gripper, thing, (LOW, HIGH), LOW[2], rest, 0, [])[0]
+
+    top = thing.top
+    apart, close, over = chosen(0.035, top - 0.005), chosen(0.006, top - 0.005), chosen(0.006, top + 0.06)
+    assert apart is not None and apart.sure and apart.roomy
+    assert close is not None and not close.sure and not close.roomy and abs(close.X_WT[1, 1]) > 0.9
+    assert over is None or abs(over.X_WT[1, 1]) < 0.9
+
+
 def test_what_is_beyond_a_finger_does_not_open_it_farther() -> None:
     """A ring is held by a piece of its wall: the wall on its other side is beyond the finger in its hole."""
     angle, z = (grid.ravel() for grid in np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 200), np.linspace(0.01, 0.03, 5)))

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Final
 
 import numpy as np
 
 from twin_diagram.planning.grasps import Gripper
 from twin_diagram.runs.learning.bin_view import SeenThing, by_tips, downward, grasps_of_thing, why_not
 from twin_diagram.runs.learning.cell import Cell
-from twin_diagram.runs.learning.in_the_way import in_the_way
+from twin_diagram.runs.learning.in_the_way import in_the_way, yielding_away
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Reach, reach_of, unlike
 from twin_diagram.signals.arrays import Array
@@ -34,6 +35,12 @@ class Tuning:
 
 
 TUNING = Tuning()
+ONE_SIDED: Final = "one-sided"
+"""A grasp with a side of which nothing is known."""
+PUSHING: Final = "pushing"
+"""One whose fingers push aside what lies beside the thing."""
+TIPS: Final = "tips"
+"""One by the very tips of the pads."""
 
 
 def choose(
@@ -52,7 +59,7 @@ def choose(
     One whose contacts are both seen or guessed goes before one with a side of which nothing is known, and that before
     one by the very tips of the pads, with which more room is bought too dearly; one with room beside the hand before
     one without; then one that is had with fingers opened all the way before others. Where its sides are known they are
-    opened no farther than it asks for.
+    opened no farther than it asks for. Before tips of pads are tried, fingers may push aside what lies beside it.
 
     Args:
         mover: plans.
@@ -65,23 +72,29 @@ def choose(
         attempt: number of the try, from 0.
         failed: (4, 4) poses of the tool at which it held nothing.
     """
-    spares, why = dict[bool, Reach](), ""
-    for (room, beside), opened in product(enumerate(in_the_way(*bin_corners, rest)), TUNING.opened):
+    spares, why = dict[str, Reach](), ""
+    free = in_the_way(*bin_corners, rest)
+    pushed = in_the_way(*bin_corners, yielding_away(thing, rest))[-1:] if rest else []
+    for (room, beside), opened in product(enumerate(free + pushed), TUNING.opened):
         most = gripper.opening_least + opened * (gripper.opening_most - gripper.opening_least)
         grasps = grasps_of_thing(thing, replace(gripper, opening_most=most), floor, beside, attempt)
         order = downward(grasps)
         if opened < 1.0:
             order = order[grasps.approach[order, 2] <= -TUNING.upright]
-        elif why != "out of reach":
+        elif why != "out of reach" and room < len(free):
             why = "out of reach" if len(order) else why_not(thing, gripper, grasps)
         reach = reach_of(mover, cell, grasps, unlike(grasps.poses, order, failed), opened=opened)
         if reach is None:
             continue
         reach, tips = replace(reach, roomy=room == 0), bool(by_tips(grasps)[reach.grasp])
         if grasps.seen[reach.grasp].all() and not tips:
-            return replace(reach, opened=min(reach.opened, needed(thing, reach.X_WT, gripper))), ""
-        spares.setdefault(tips, replace(reach, sure=False))
-    return spares.get(False, spares.get(True)), why
+            reach = replace(reach, opened=min(reach.opened, needed(thing, reach.X_WT, gripper)))
+            if room < len(free):
+                return reach, ""
+            spares.setdefault(PUSHING, replace(reach, sure=False))
+        elif room < len(free):
+            spares.setdefault(TIPS if tips else ONE_SIDED, replace(reach, sure=False))
+    return next((spares[kind] for kind in (ONE_SIDED, PUSHING, TIPS) if kind in spares), None), why
 
 
 def needed(thing: SeenThing, X_WT: Array, gripper: Gripper) -> float:
