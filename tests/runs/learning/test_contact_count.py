@@ -7,6 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.geometry import Box, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.framework import DiagramBuilder
 
 from twin_diagram.runs.learning import contact_count
 from twin_diagram.runs.learning.cell import FREE, GRASP, RELEASE, Doing
@@ -93,6 +98,30 @@ def test_what_is_lost_from_the_hand_is_told(monkeypatch: pytest.MonkeyPatch) -> 
     scene.tick()
     scene.tick((MUG, TABLE))
     assert [what["between"] for what in scene.told] == [["mug", "nothing"]]
+
+
+def test_what_is_wanted_is_what_is_grasped_not_what_has_its_origin_nearest() -> None:
+    """A bottle beside a ring was taken by its end: its own pads' contacts counted as unasked."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.01)
+    objects = {}
+    for name, shape, offset in (("bottle", Box(0.2, 0.06, 0.06), 0.1), ("ring", Sphere(0.03), 0.0)):
+        body = plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+        plant.RegisterCollisionGeometry(
+            body, RigidTransform([offset, 0.0, 0.0]), shape, name, CoulombFriction(0.5, 0.5)
+        )
+        objects[name] = body.index()
+    plant.Finalize()
+    root = builder.Build().CreateDefaultContext()
+    plant.SetFreeBodyPose(plant.GetMyContextFromRoot(root), plant.GetBodyByName("ring"), RigidTransform([0.18, 0.1, 0]))
+    count = ContactCount(lambda **what: None)
+    count._parts = CellParts(frozenset(), frozenset(), frozenset(int(index) for index in objects.values()))
+    bodies = [plant.get_body(index) for index in objects.values()]
+    count._body_of = {g: int(body.index()) for body in bodies for g in plant.GetCollisionGeometriesForBody(body)}
+    station: Any = SimpleNamespace(world=SimpleNamespace(plant=plant, objects=objects))
+    for place, name in (([0.18, 0.0, 0.0], "bottle"), ([0.19, 0.1, 0.0], "ring"), ([0.19, 0.045, 0.0], "bottle")):
+        assert count._nearest(station, root, np.array(place)) == int(objects[name])
+    assert count._nearest(station, root, np.array([3.0, 0.0, 0.0])) == NOTHING
 
 
 def test_they_stand_among_the_events_of_a_run(tmp_path: Any) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from twin_diagram.planning.grasps import Grasps, gripper_of
 from twin_diagram.runs.learning.bin_view import (
@@ -143,6 +144,17 @@ def test_fingers_keep_off_walls_and_neighbours_by_more_than_the_arm_sags() -> No
     for k in order:
         y = (corners @ found.R[k].T + found.poses[k, 4:])[:, 1]
         assert y.min() > low[1] + 0.004
+
+
+def test_no_corner_of_what_lies_beside_is_missed() -> None:
+    """A cracker box's face, 21 by 16 cm, whose corner is below the hand's palm: also there points are in the way."""
+    rng = np.random.default_rng(0)
+    face = np.column_stack([rng.uniform([0.30, -0.50], [0.51, -0.34], (20000, 2)), np.full(20000, 0.11)])
+    found = in_the_way(np.array([0.0, -1.0, 0.0]), np.array([1.0, 1.0, 0.12]), [face])
+    for points, room in zip(found, (0.004, 0.0), strict=True):
+        beside = points[(points[:, 0] > 0.2) & (points[:, 1] > -0.6) & (points[:, 1] < -0.2) & (points[:, 0] < 0.6)]
+        assert cKDTree(beside).query(face + [0.0, 0.0, room])[0].max() < 0.009
+        assert beside[:, 2] == pytest.approx(0.11 + room), "higher than it is, too: the palm reaches over it"
 
 
 def seen_from_above(rows: range, columns: range, height: float) -> SeenThing:

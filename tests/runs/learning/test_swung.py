@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from tests.estimation.weighing.conftest import MODEL, POSTURE
 from twin_diagram import scenario
 from twin_diagram.estimation.weighing import Grip, WeighingError
+from twin_diagram.estimation.weighing.excitation import NotClear
 from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model import Model
@@ -196,6 +197,36 @@ def test_what_cannot_be_swung_was_weighed_at_rest(
     with pytest.raises(WeighingError, match="no motion"):
         handling.weigh_held(tools, shown, tmp_path)
     assert shown.mass_at_rest == told and shown.swung is None
+
+
+def test_what_has_no_room_about_one_posture_is_swung_about_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bin 100011's bottle and L were set down and shown a third time, as about the first posture nothing was clear."""
+    here, there, tried = np.zeros(7), np.full(7, 0.5), list[float]()
+
+    def goals(X_WT: Any, near: Any) -> Any:
+        return np.stack([here + 0.05, there + 0.3 * len(tried)])
+
+    mover: Any = SimpleNamespace(goals=goals, path=lambda q, ends: ends, timed=lambda path: path)
+    cell: Any = SimpleNamespace(commanded=here, fingers={})
+
+    def motion(model: Any, mover: Any, posture: Any, *rest: Any) -> Any:
+        tried.append(float(posture[0]))
+        if len(tried) < clear_at:
+            raise NotClear(f"no motion about posture {len(tried)}")
+        return SimpleNamespace(posture=posture)
+
+    monkeypatch.setattr(weighing, "best_motion", motion)
+    monkeypatch.setattr(weighing, "go", lambda cell, way: None)
+    monkeypatch.setattr(weighing, "swing", lambda cell, motion, joints, source: swung().log)
+    told: Any = (np.eye(4), np.zeros((1, 3)), np.zeros(3), 10.0, 1.0)
+    model: Any = SimpleNamespace(joints=("a",))
+    clear_at = 2
+    assert weighing.swing_held(model, mover, cell, *told)[1].posture[0] == tried[1] == pytest.approx(0.8)
+    tried.clear()
+    clear_at = 9
+    with pytest.raises(NotClear, match="posture 1"):  # what is told is of where it would be swung by right
+        weighing.swing_held(model, mover, cell, *told)
+    assert len(tried) == 3 and tried[0] == 0.0
 
 
 def test_what_slipped_on_the_way_is_known_less_well_by_as_much(monkeypatch: pytest.MonkeyPatch) -> None:

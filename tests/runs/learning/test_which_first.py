@@ -14,7 +14,7 @@ from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.picking import Reach
 from twin_diagram.runs.learning.which_first import which_first
 
-TOOLS: Any = SimpleNamespace(learning=None, faces=None, robot=None)
+TOOLS: Any = SimpleNamespace(learning=None, faces=None, robot=None, gripper=SimpleNamespace(opening_most=0.115))
 
 
 def square(row: int, height: float) -> SeenThing:
@@ -26,7 +26,7 @@ def square(row: int, height: float) -> SeenThing:
 
 
 def asked(
-    monkeypatch: pytest.MonkeyPatch, things: list[SeenThing], sure: list[bool | None]
+    monkeypatch: pytest.MonkeyPatch, things: list[SeenThing], sure: list[bool | None], roomy: Sequence[bool] = ()
 ) -> tuple[SeenThing, Reach | None, list[int]]:
     """Choose among things of which sure grasps, others (False), or none at all are reached; and whom was looked at."""
     looked: list[int] = []
@@ -34,8 +34,8 @@ def asked(
     def grasp(tools: Any, thing: SeenThing, others: Sequence[SeenThing]) -> tuple[Reach | None, str]:
         k = next(k for k, one in enumerate(things) if one is thing)
         looked.append(k)
-        nowhere, told = np.zeros((2, 7)), sure[k]
-        return (None if told is None else Reach(k, np.eye(4), nowhere, nowhere, sure=told)), ""
+        nowhere, told, room = np.zeros((2, 7)), sure[k], roomy[k] if roomy else True
+        return (None if told is None else Reach(k, np.eye(4), nowhere, nowhere, sure=told, roomy=room)), ""
 
     monkeypatch.setattr(tried, "grasp_of", grasp)
     monkeypatch.setattr(tried, "lying", lambda *told: things)
@@ -55,7 +55,35 @@ def test_what_is_held_for_sure_goes_before_what_tips_of_pads_may_hold(monkeypatc
     thing, reach, _ = asked(monkeypatch, things, [False, None, False])
     assert thing is things[0] and reach is not None and reach.grasp == 0, "the highest, where none is sure"
     thing, reach, _ = asked(monkeypatch, things, [None, None, False])
+    assert thing is things[2] and reach is not None and reach.grasp == 2, "what may be held, where the highest is not"
+    thing, reach, _ = asked(monkeypatch, things, [None, None, None])
     assert thing is things[0] and reach is None
+
+
+def test_a_raised_edge_of_what_is_wider_than_the_hand_comes_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fingers closed on nothing at a cracker box's edge, met the bin's wall, and moved it by 7 mm."""
+    rows, columns = np.meshgrid(np.arange(30, 46), np.arange(16), indexing="ij")
+    pixels = np.column_stack([rows.ravel(), columns.ravel()])
+    points = np.column_stack([0.01 * pixels, np.full(256, 0.1)])
+    wide = SeenThing(points, np.zeros_like(points), pixels, np.zeros(3))
+    things = [wide, square(0, 0.06)]
+    thing, reach, _ = asked(monkeypatch, things, [False, False])
+    assert thing is things[1] and reach is not None and reach.grasp == 1
+    thing, reach, _ = asked(monkeypatch, things, [False, None])
+    assert thing is wide and reach is not None and not reach.sure
+
+
+def test_what_the_hand_has_room_for_goes_before_what_it_may_touch_others_beside(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The hand met bin and cracker box beside a bottle, while a ring lay free."""
+    things = [square(0, 0.1), square(30, 0.06), square(60, 0.05)]
+    thing, reach, _ = asked(monkeypatch, things, [False, True, True], [True, False, True])
+    assert thing is things[2] and reach is not None and reach.roomy
+    thing, reach, _ = asked(monkeypatch, things, [False, True, True], [True, False, False])
+    assert thing is things[1] and reach is not None and reach.sure, "the higher of two that are as tight"
+    thing, reach, _ = asked(monkeypatch, things, [False, False, False], [True, False, False])
+    assert thing is things[0] and reach is not None and not reach.sure
 
 
 def test_what_lies_below_another_is_not_drawn_from_under_it(monkeypatch: pytest.MonkeyPatch) -> None:

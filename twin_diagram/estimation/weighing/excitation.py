@@ -55,6 +55,10 @@ class Tuning:
 TUNING = Tuning()
 
 
+class NotClear(WeighingError):
+    """Surroundings that leave no motion about a posture: there may be one about another."""
+
+
 @dataclass(frozen=True)
 class ExcitationPlan:
     """What kind of motion is looked for.
@@ -171,8 +175,9 @@ def optimise_excitation(
         plan: length, harmonics, and how long it is looked for.
 
     Raises:
-        WeighingError: arguments that do not fit, a posture outside the limits or not clear, a grip that does not even
-            hold the object at rest, or surroundings that leave no motion.
+        NotClear: surroundings that the posture is not clear of, or that leave no motion about it.
+        WeighingError: arguments that do not fit, a posture outside the limits, or a grip that does not even hold the
+            object at rest.
     """
     if np.shape(parameters) != (10,) or not is_physical(np.asarray(parameters)):
         raise WeighingError(f"parameters are not those of a body: {parameters}")
@@ -185,7 +190,7 @@ def optimise_excitation(
     if outside:
         raise WeighingError(f"posture: {', '.join(outside)} outside the limits; move it inside")
     if clear is not None and not clear(posture[None])[0]:
-        raise WeighingError("posture: not clear of its surroundings; begin elsewhere")
+        raise NotClear("posture: not clear of its surroundings; begin elsewhere")
     X_TG = RigidTransform(np.array((0.0, 0.0, 0.0) if grip is None else grip.centre))
     carried = CarriedMotion(model, held, np.asarray(parameters), X_TO.inverse() @ X_TG, posture)
     reach = np.full(len(posture), np.pi)
@@ -198,7 +203,7 @@ def optimise_excitation(
             motion = found.sampled(plan.rate)[1]
             return replace(found, bound=crlb(model, X_TO, carried.parameters, motion, plan.noise))
         reach, start = TUNING.narrower * np.minimum(reach, 1.5), cost.shrunk(start, TUNING.narrower)
-    raise WeighingError("no motion about this posture is clear of its surroundings; weigh elsewhere")
+    raise NotClear("no motion about this posture is clear of its surroundings; weigh elsewhere")
 
 
 def _searched(cost: ExcitationCost, plan: ExcitationPlan, start: Array | None) -> Array:

@@ -1,14 +1,18 @@
-"""Chooses how a thing in the bin is taken: fingers open all the way, or less where walls and things leave no room."""
+"""Chooses how a thing in the bin is taken, and how far fingers open for it: what is open wide touches neighbours."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
+from typing import Final
+
+import numpy as np
 
 from twin_diagram.planning.grasps import Gripper
 from twin_diagram.runs.learning.bin_view import SeenThing, by_tips, downward, grasps_of_thing, why_not
 from twin_diagram.runs.learning.cell import Cell
-from twin_diagram.runs.learning.in_the_way import in_the_way
+from twin_diagram.runs.learning.in_the_way import in_the_way, yielding_away
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Reach, reach_of, unlike
 from twin_diagram.signals.arrays import Array
@@ -25,8 +29,18 @@ class Tuning:
     """Least share of an approach that goes downwards where they are not opened all the way: wrist and arm, which may
     come as near to walls as fingers then (`reach_of`), are above them."""
 
+    spare: float = 0.01
+    """Between open fingers and the thing that they go down beside, on each side [m]: what the grasps' search leaves
+    beside a side that is not seen; the arm sags by two millimetres, and pictures are off by one or two."""
+
 
 TUNING = Tuning()
+ONE_SIDED: Final = "one-sided"
+"""A grasp with a side of which nothing is known."""
+PUSHING: Final = "pushing"
+"""One whose fingers push aside what lies beside the thing."""
+TIPS: Final = "tips"
+"""One by the very tips of the pads."""
 
 
 def choose(
@@ -43,8 +57,9 @@ def choose(
     """Return a grasp of a thing that is reached, or why there is none.
 
     One whose contacts are both seen or guessed goes before one with a side of which nothing is known, and that before
-    one by the very tips of the pads, with which more room is bought too dearly; fingers that are opened all the way
-    before others.
+    one by the very tips of the pads, with which more room is bought too dearly; one with room beside the hand before
+    one without; then one that is had with fingers opened all the way before others. Where its sides are known they are
+    opened no farther than it asks for. Before tips of pads are tried, fingers may push aside what lies beside it.
 
     Args:
         mover: plans.
@@ -57,21 +72,44 @@ def choose(
         attempt: number of the try, from 0.
         failed: (4, 4) poses of the tool at which it held nothing.
     """
-    spares, why = dict[bool, Reach](), ""
-    for opened in TUNING.opened:
+    spares, why = dict[str, Reach](), ""
+    free = in_the_way(*bin_corners, rest)
+    pushed = in_the_way(*bin_corners, yielding_away(thing, rest))[-1:] if rest else []
+    for (room, beside), opened in product(enumerate(free + pushed), TUNING.opened):
         most = gripper.opening_least + opened * (gripper.opening_most - gripper.opening_least)
-        for beside in in_the_way(*bin_corners, rest):
-            grasps = grasps_of_thing(thing, replace(gripper, opening_most=most), floor, beside, attempt)
-            order = downward(grasps)
-            if opened < 1.0:
-                order = order[grasps.approach[order, 2] <= -TUNING.upright]
-            elif why != "out of reach":
-                why = "out of reach" if len(order) else why_not(thing, gripper, grasps)
-            reach = reach_of(mover, cell, grasps, unlike(grasps.poses, order, failed), opened=opened)
-            if reach is None:
-                continue
-            tips = bool(by_tips(grasps)[reach.grasp])
-            if grasps.seen[reach.grasp].all() and not tips:
+        grasps = grasps_of_thing(thing, replace(gripper, opening_most=most), floor, beside, attempt)
+        order = downward(grasps)
+        if opened < 1.0:
+            order = order[grasps.approach[order, 2] <= -TUNING.upright]
+        elif why != "out of reach" and room < len(free):
+            why = "out of reach" if len(order) else why_not(thing, gripper, grasps)
+        reach = reach_of(mover, cell, grasps, unlike(grasps.poses, order, failed), opened=opened)
+        if reach is None:
+            continue
+        reach, tips = replace(reach, roomy=room == 0), bool(by_tips(grasps)[reach.grasp])
+        if grasps.seen[reach.grasp].all() and not tips:
+            reach = replace(reach, opened=min(reach.opened, needed(thing, reach.X_WT, gripper)))
+            if room < len(free):
                 return reach, ""
-            spares.setdefault(tips, replace(reach, sure=False))
-    return spares.get(False, spares.get(True)), why
+            spares.setdefault(PUSHING, replace(reach, sure=False))
+        elif room < len(free):
+            spares.setdefault(TIPS if tips else ONE_SIDED, replace(reach, sure=False))
+    return next((spares[kind] for kind in (ONE_SIDED, PUSHING, TIPS) if kind in spares), None), why
+
+
+def needed(thing: SeenThing, X_WT: Array, gripper: Gripper) -> float:
+    """Return by which share fingers are to be open on the straight way to a grasp of a thing, beside all of it.
+
+    Args:
+        thing: that they are to go down on both sides of.
+        X_WT: (4, 4) of the tool at the grasp.
+        gripper: whose fingers they are.
+    """
+    p_T = (thing.points - X_WT[:3, 3]) @ X_WT[:3, :3]
+    aside = np.abs(p_T[:, 1])
+    # What is beyond the fingers, as a ring's other wall, is not between them.
+    between = (np.abs(p_T[:, 0]) <= 0.5 * gripper.finger_width + TUNING.spare) & (p_T[:, 2] <= gripper.finger_front)
+    between &= aside <= 0.5 * gripper.opening_most
+    opening = 2.0 * (float(aside[between].max(initial=0.0)) + TUNING.spare)
+    share = (opening - gripper.opening_least) / (gripper.opening_most - gripper.opening_least)
+    return float(np.clip(share, 0.0, 1.0))

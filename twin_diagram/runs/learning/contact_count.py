@@ -29,6 +29,9 @@ class Tuning:
     anew: float = 0.3
     """What touches again within this has not let go in between [s]: what is scraped along bounces."""
 
+    near: float = 0.2
+    """Within which of a grasp the object that it is of is looked for [m]: the length of the longest one."""
+
 
 TUNING = Tuning()
 
@@ -138,12 +141,13 @@ class ContactCount:
         self._body_of = {g: int(k) for k in every for g in plant.GetCollisionGeometriesForBody(plant.get_body(k))}
 
     def _nearest(self, station: SimStation, context: Context, place: Array) -> int:
-        """Return the object whose origin is nearest to a place (3,) in W."""
-        bodies = list(station.world.objects.values())
-        if not bodies:
-            return NOTHING
-        poses = np.array(station.GetOutputPort(ports.OBJECT_POSES).Eval(context)).reshape(-1, 7)
-        return int(bodies[int(np.argmin(np.linalg.norm(poses[:, 4:] - place, axis=1)))])
+        """Return the object whose surface is about a place (3,) in W, or nearest: a bottle's origin may be far off."""
+        assert self._parts is not None
+        plant = station.world.plant
+        query: Any = plant.get_geometry_query_input_port().Eval(plant.GetMyContextFromRoot(context))
+        found = query.ComputeSignedDistanceToPoint(place, TUNING.near)
+        near = [(one.distance, self._body_of[one.id_G]) for one in found if one.id_G in self._body_of]
+        return min((one for one in near if one[1] in self._parts.objects), default=(0.0, NOTHING))[1]
 
     def _pairs(self, results: Any) -> Iterator[tuple[int, int, Array]]:
         """Yield the bodies of each contact, and where in W it is (3,)."""

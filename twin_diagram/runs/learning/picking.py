@@ -59,7 +59,8 @@ class Reach:
     """A grasp that the arm can go to: way and line (W, n) [rad], and the tool's pose there (4, 4).
 
     `opened`: by which share the fingers are open on the way to it; `sure`: whether both of its contacts are seen or
-    guessed, and neither is at the pads' very tips.
+    guessed, and neither is at the pads' very tips; `roomy`: whether hand and fingers keep off all else by more than
+    pictures and arm are off.
     """
 
     grasp: int
@@ -68,6 +69,7 @@ class Reach:
     line: Array
     opened: float = 1.0
     sure: bool = True
+    roomy: bool = True
 
 
 @dataclass(frozen=True)

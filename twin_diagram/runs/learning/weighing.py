@@ -30,8 +30,9 @@ from twin_diagram.logs.measured_log import Log
 from twin_diagram.model.model import Model
 from twin_diagram.runs.learning.cell import TUNING as CELL
 from twin_diagram.runs.learning.cell import Cell, Recording
-from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
+from twin_diagram.runs.learning.motion import Mover, NoWay
 from twin_diagram.runs.learning.picking import go
+from twin_diagram.runs.learning.swing_room import first_with_room, goals_for_swinging
 from twin_diagram.runtime import atomic_file
 from twin_diagram.signals.arrays import Array
 
@@ -39,9 +40,6 @@ from twin_diagram.signals.arrays import Array
 @dataclass(frozen=True)
 class Tuning:
     """Constants of this module, with their units and what set them."""
-
-    places: tuple[tuple[float, float, float], ...] = ((0.45, 0.0, 0.55), (0.5, 0.0, 0.5), (0.4, 0.0, 0.6))
-    """Of the finger tips about which it is swung [m]: high over everything."""
 
     heaviest: float = 2.5
     """What the first weighing may say at most [kg]."""
@@ -136,12 +134,9 @@ def weigh_at_rest(model: Model, mover: Mover, cell: Cell) -> float:
     Raises:
         NoWay: no such place is reached.
     """
-    for place in TUNING.places:
-        X_WT = pose(pointing(np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])), np.array(place))
-        goals = mover.goals(X_WT, cell.commanded)
-        if len(goals):
-            go(cell, mover.timed(mover.path(cell.commanded, goals)))
-            return first_mass(model, cell)
+    for goals in goals_for_swinging(mover, cell.commanded):
+        go(cell, mover.timed(mover.path(cell.commanded, goals)))
+        return first_mass(model, cell)
     raise NoWay("no place to weigh it is reached")
 
 
@@ -230,7 +225,7 @@ def share_of(grip: Grip, mass: float, centre_T: Array) -> float:
 def swing_held(
     driven: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, p_SO: Array, seconds: float, mass: float
 ) -> tuple[Swung, Excitation]:
-    """Swing what is held about where the arm is; return the arm's messages, and the motion.
+    """Swing what is held about where the arm is, or another posture with room; return the arm's messages, the motion.
 
     Args:
         driven: the arm with its rotors (motor side).
@@ -243,10 +238,14 @@ def swing_held(
         mass: of `first_mass` [kg].
 
     Raises:
-        NoWay: there is no room for it.
+        NoWay: there is no way to where it begins.
         WeighingError: no motion is within the limits.
     """
-    motion = best_motion(driven, mover, cell.commanded, X_TS, points_S, p_SO, cell, seconds, mass)
+
+    def search(posture: Array) -> Excitation:
+        return best_motion(driven, mover, posture, X_TS, points_S, p_SO, cell, seconds, mass)
+
+    motion = first_with_room(mover, cell.commanded, search)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
     return Swung(swing(cell, motion, driven.joints, "loaded"), cell.fingers, X_TS), motion
 

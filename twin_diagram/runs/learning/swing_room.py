@@ -1,0 +1,67 @@
+"""Where in the cell there is room to swing what is held: postures of the arm high over everything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin_diagram.estimation.weighing import Excitation
+from twin_diagram.estimation.weighing.excitation import NotClear
+from twin_diagram.runs.learning.motion import Mover, pointing, pose
+from twin_diagram.signals.arrays import Array
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Constants of this module, with their units and what set them."""
+
+    places: tuple[tuple[float, float, float], ...] = ((0.45, 0.0, 0.55), (0.5, 0.0, 0.5), (0.4, 0.0, 0.6))
+    """Of the finger tips about which it is swung [m]."""
+
+    apart: float = 0.2
+    """Postures in which no joint is farther off than this are alike [rad]."""
+
+    most: int = 3
+    """Postures about which a motion is looked for: one takes up to a minute of a core, a further grasp for want of one
+    half a minute of the cell and more of a core."""
+
+
+TUNING = Tuning()
+
+
+def goals_for_swinging(mover: Mover, q: Array) -> Iterator[Array]:
+    """Yield joint angles (G, n) of each place that are clear, the nearest to some (n,) first, where there are any."""
+    for place in TUNING.places:
+        X_WT = pose(pointing(np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])), np.array(place))
+        goals = mover.goals(X_WT, q)
+        if len(goals):
+            yield goals
+
+
+def postures_for_swinging(mover: Mover, q: Array) -> Iterator[Array]:
+    """Yield postures (n,) to swing it about: that in which the arm is (n,), then others, unlike each other."""
+    told = [q]
+    yield q
+    for goals in goals_for_swinging(mover, q):
+        for goal in goals:
+            if len(told) < TUNING.most and all(np.abs(goal - other).max() > TUNING.apart for other in told):
+                told.append(goal)
+                yield goal
+                break
+
+
+def first_with_room(mover: Mover, q: Array, search: Callable[[Array], Excitation]) -> Excitation:
+    """Return the motion that a search finds about the first posture that leaves one; see `postures_for_swinging`.
+
+    Raises:
+        NotClear: none leaves one; it tells of the first.
+    """
+    why = NotClear("no posture")
+    for number, posture in enumerate(postures_for_swinging(mover, q)):
+        try:
+            return search(posture)
+        except NotClear as error:
+            why = why if number else error
+    raise why
