@@ -65,6 +65,21 @@ def test_a_payload_is_found_with_its_mass_and_centre() -> None:
     assert mass.std >= 0.1 * start.links.described[-1, 0]  # type: ignore[union-attr]  # the last link's own doubt
 
 
+@pytest.mark.parametrize("com", [(-0.1, -0.1, 0.15), (0.0, 0.25, 0.1), (-0.2, -0.15, 0.05), (0.0, -0.3, 0.1)])
+def test_a_payload_off_the_tool_is_found(com: tuple[float, float, float]) -> None:
+    """Looked for as a mass without inertia, it was found to be none, though evidence speaks for it by 240 nats."""
+    true = ARM.with_effects(
+        [everywhere("viscous_friction", damping=2.0), effect("payload", links=["tool0"], mass=1.2, com=list(com))]
+    )
+    records = noisy(ARM, true, 10.0)
+    start, z = settled(begun(records, equations(records)))
+    found = loaded(start, z)
+    assert found is not None
+    own = solve(found)[found.place(0)]
+    np.testing.assert_allclose(own[0], 1.2, rtol=0.03)
+    np.testing.assert_allclose(own[1:] / own[0], com, atol=0.01)
+
+
 def test_motors_that_are_off_do_not_hide_a_payload() -> None:
     """Links alone would stand in for gains, and then for the payload, too."""
     start = problem(effect("payload", links=["tool0"], mass=0.6, com=COM), GAINS)
