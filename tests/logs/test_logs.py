@@ -25,6 +25,8 @@ from twin_diagram.logs import (
     write_columns,
     write_log,
 )
+from twin_diagram.logs.differentiation import motion
+from twin_diagram.logs.spikes import unspiked
 from twin_diagram.model.model import Model
 
 JOINTS = tuple(f"panda_joint{i + 1}" for i in range(7))
@@ -191,9 +193,6 @@ BAD_TEXT = {
     "line 2: torque_measured.a is in 'mA', which is none of N·m,": csv().replace("\n", "\ns,rad,mA\n", 1),
     "line 2: time is 'now', not a number": csv().replace("\n", "\nnow,rad,N·m\n", 1),
     "has torque_measured.b but no position_measured.b": csv(**{"torque_measured.b": ONES}),
-    "has torque_measured of other joints, but no torque_measured.b": csv(
-        **{"position_measured.b": ONES, "torque_commanded.b": ONES, "torque_commanded.a": ONES}
-    ),
 }
 
 
@@ -219,18 +218,50 @@ def test_a_joint_without_torque_is_left_out(tmp_path: Path) -> None:
     path.write_text(csv(**{"position_measured.b": ["nan"] * 20, "velocity_estimated.b": ONES}))
     log = read_log(path)
     assert log.joints == ("a",) and log.velocity is None
-    assert log.notes == (f"{path}: b has no torque and is left out",)
+    assert log.notes == (f"{path}: b has no torque_measured and is left out",)
     columns = {name: values for name, values in healthy().columns().items() if name != f"torque_measured.{JOINTS[2]}"}
     with pytest.raises(LogError, match=f"joint '{JOINTS[2]}' of the model is missing.*has no torque"):
         check(log_from_columns(columns, "log", str), MODEL.limits)
 
 
-def test_what_a_gripper_alone_logs_beside_is_left_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize("written", ["not at all", "as NaN"])
+def test_a_joint_without_velocity_leaves_the_others_theirs(tmp_path: Path, written: str) -> None:
+    """A gripper's drive tells none; that took the whole arm's, and of an arm's own joint positions tell it now."""
+    log = healthy()
+    columns = log.columns()
+    for signal in ("position_measured", "torque_measured"):
+        columns[f"{signal}.finger"] = columns[f"{signal}.{JOINTS[0]}"]
+    if written == "as NaN":
+        columns["velocity_estimated.finger"] = np.full(len(log), np.nan)
+    write_columns(columns, tmp_path / "log.csv")
+    found = read_log(tmp_path / "log.csv")
+    assert found.lacking("velocity_estimated") == ("finger",)
+    assert [w.code for w in check(found, MODEL.limits)] == ["unknown_joint"]
+    assert same(found.select(JOINTS), log)
+    write_log(found, tmp_path / "again.csv")
+    assert same(read_log(tmp_path / "again.csv"), found)
+
+    columns = {name: values for name, values in columns.items() if name != f"velocity_estimated.{JOINTS[2]}"}
+    found = log_from_columns(columns, "log", str).select(JOINTS)
+    (warning,) = check(found, MODEL.limits)
+    assert warning.message == f"log: velocity_estimated is not there of {JOINTS[2]}; there, positions alone tell it"
+    rest, alone = [k for k in range(7) if k != 2], replace(log, velocity=None)
+    moves, whole, bare = motion(found), motion(log), motion(alone)
+    np.testing.assert_allclose(moves.velocity[:, rest], whole.velocity[:, rest], atol=1e-12)
+    np.testing.assert_allclose(moves.acceleration[:, 2], bare.acceleration[:, 2], atol=1e-12)
+    assert np.all(np.isfinite(motion(uniform(found, 150.0)).acceleration))
+    assert unspiked(found)[0] is found
+
+
+def test_a_joint_whose_torque_is_only_commanded_is_left_out_where_others_are_measured(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
-    path.write_text(csv(**{"position_measured.b": ONES, "torque_measured.b": ONES, "velocity_estimated.b": ONES}))
+    path.write_text(csv(**{"position_measured.b": ONES, "torque_commanded.b": ONES}))
     log = read_log(path)
-    assert log.joints == ("a", "b") and log.velocity is None
-    assert log.notes == (f"{path}: velocity_estimated is there of b alone and is left out",)
+    assert log.joints == ("a",) and log.notes == (f"{path}: b has no torque_measured and is left out",)
+    columns = healthy().columns()
+    columns[f"torque_commanded.{JOINTS[2]}"] = columns.pop(f"torque_measured.{JOINTS[2]}")
+    with pytest.raises(LogError, match=f"joint '{JOINTS[2]}' of the model is missing.*has no torque_measured"):
+        check(log_from_columns(columns, "log", str), MODEL.limits)
 
 
 def test_angles_that_jump_by_a_turn_go_on() -> None:

@@ -148,6 +148,25 @@ def test_a_gripper_that_shares_the_topic(tmp_path: Path) -> None:
     assert [(w.code, "finger" in w.message) for w in check(found, MODEL.limits)] == [("left_out", True)]
 
 
+def test_a_gripper_without_velocity_leaves_the_arm_its_own(tmp_path: Path) -> None:
+    """Its driver says NaN for one, or nothing; both took those of the arm."""
+    named = [
+        State([*s.names, "finger"], [*s.position, 0.01], [*s.velocity, np.nan], [*s.effort, 1.0 + k], s.stamp)
+        for k, s in enumerate(states_of(HEALTHY))
+    ]
+    found = read_log(write_bag(tmp_path / "one.mcap", named))
+    assert found.lacking("velocity_estimated") == ("finger",)
+    same(found.select(HEALTHY.joints), HEALTHY)
+
+    fingers = [State(["finger"], [0.01 * k], [], [1.0 + k], BEGIN + 50_000_000 * k) for k in range(60)]
+    states = sorted([*states_of(HEALTHY), *fingers], key=lambda state: state.stamp)
+    found = read_log(write_bag(tmp_path / "own.mcap", states))
+    assert found.joints == (*HEALTHY.joints, "finger") and HEALTHY.velocity is not None
+    own = found.select(HEALTHY.joints).velocity
+    assert own is not None and np.array_equal(own, HEALTHY.velocity[: len(own)])
+    assert [w.code for w in check(found, MODEL.limits)] == ["unknown_joint"]
+
+
 def test_stamps_that_are_not_set_give_way_to_the_times_of_arrival(tmp_path: Path) -> None:
     states = states_of(HEALTHY)
     stamps = [state.stamp for state in states]

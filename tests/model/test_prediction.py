@@ -141,6 +141,17 @@ def test_each_position_is_rolled_out_from_its_own_past(truth: Log) -> None:
     assert np.max(np.abs(one - short.position)[60:-60]) < 1e-6
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_torques_that_no_arm_could_answer_end_in_no_words_of_numpy(truth: Log) -> None:
+    """A joint whose drive logs another unit: 20 lines of `overflow encountered in matmul` stood on the terminal."""
+    log = truth.between(0.0, 1.0)
+    assert log.torque is not None
+    wild = replace(log, torque=log.torque * np.where(np.arange(7) == 1, 1e9, 1.0))
+    model = Model.load(ARM)
+    assert position_predicted(model, wild).shape == log.position.shape
+    assert rollout_rms(model, wild)[1] > 1e3 or not np.isfinite(rollout_rms(model, wild)[1])
+
+
 def test_irregular_times(truth: Log) -> None:
     rng = np.random.default_rng(1)
     kept = np.sort(rng.choice(len(truth), size=int(0.8 * len(truth)), replace=False))

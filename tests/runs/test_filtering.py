@@ -103,3 +103,13 @@ def test_a_last_sample_after_a_gap_stands_still(model: Model) -> None:
     log, _ = recorded(model, velocities=False, gap=0.5, count=101)
     _, states = filter_log(model, log, [])
     np.testing.assert_array_equal(states[100], np.r_[log.position[100], 0.0, 0.0])
+
+
+def test_velocities_of_one_joint_alone_are_none(model: Model) -> None:
+    """The filter takes a message's whole; NaN of the other joint would be a state of NaN."""
+    log, _ = recorded(model, velocities=True, count=60)
+    assert log.velocity is not None
+    half = replace(log, velocity=np.where([True, False], log.velocity, np.nan))
+    _, expected = filter_log(model, replace(log, velocity=None), [])
+    _, states = filter_log(model, half, [])
+    np.testing.assert_array_equal(states, expected)

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.joint_limits import JointLimits
-from twin_diagram.logs.measured_log import Log
+from twin_diagram.logs.measured_log import SPARE, Log
 from twin_diagram.signals import units
 
 
@@ -68,7 +68,19 @@ def check(log: Log, arm: JointLimits | None = None) -> list[LogWarning]:
     warnings += _dead(log)
     if arm is not None:
         warnings += _against(log, arm)
-    return warnings
+        log = log.select(arm.joints)
+    return warnings + _of_some(log)
+
+
+def _of_some(log: Log) -> list[LogWarning]:
+    """Tell of which joints something is not logged that is logged of others."""
+    result = []
+    for signal in SPARE:
+        if lacking := log.lacking(signal):
+            instead = "; there, positions alone tell it" if signal == "velocity_estimated" else ""
+            message = f"{log.source}: {signal} is not there of {', '.join(lacking)}{instead}"
+            result.append(LogWarning("left_out", message))
+    return result
 
 
 def _check_time_unit(log: Log) -> None:

@@ -117,9 +117,10 @@ def motion(log: Log, cutoff: float = TUNING.motion_cutoff) -> Motion:
     acceleration = differentiate(position, time, 2)
     if log.velocity is not None:
         weight = _velocity_weight(log, rate, velocity, acceleration)
-        drive = smooth(log.velocity, rate, cutoff)
-        velocity = weight * drive + (1.0 - weight) * velocity
-        acceleration = weight * differentiate(drive, time, 1) + (1.0 - weight) * acceleration
+        used = np.flatnonzero(weight)  # so none of a joint whose velocity is not logged
+        drive, w = smooth(log.velocity[:, used], rate, cutoff), weight[used]
+        velocity[:, used] = w * drive + (1.0 - w) * velocity[:, used]
+        acceleration[:, used] = w * differentiate(drive, time, 1) + (1.0 - w) * acceleration[:, used]
     return Motion(log, position, velocity, acceleration)
 
 
@@ -132,7 +133,7 @@ def _velocity_weight(log: Log, rate: float, velocity: Array, acceleration: Array
     v_low, a_low, drive_low = (lowpass(x, rate) for x in (velocity, acceleration, log.velocity))
     noise_q, noise_v = (np.std(x - lowpass(x, rate, 0.35 * rate), axis=0) for x in (log.position, log.velocity))
     w = 2.0 * np.pi * TUNING.residual_cutoff
-    for k in range(len(log.joints)):
+    for k in np.flatnonzero(~np.any(np.isnan(log.velocity), axis=0)):
         basis = np.stack([v_low[:, k], a_low[:, k]], axis=1)
         scale, lag = np.linalg.lstsq(basis, drive_low[:, k], rcond=None)[0]  # zeros for a joint at rest
         if abs(scale - 1.0) < 0.005 and abs(lag) * rate < 0.25:

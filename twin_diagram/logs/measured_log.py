@@ -19,6 +19,8 @@ SIGNALS = {
     "position_commanded": "position_commanded",
 }
 """The log format's signals, and the attributes of `Log` that hold them."""
+SPARE = ("velocity_estimated", "position_commanded")
+"""Signals that a log need not have, or of some joints alone."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +31,11 @@ class Log:
         time: (N,) [s].
         joints: names.
         position: measured, motor side over the gear ratio [rad].
-        velocity: as the drive estimates it [rad/s]; None where it is not logged.
+        velocity: as the drive estimates it [rad/s]; NaN throughout of a joint that it is not logged of, None where it
+            is of none.
         torque: measured motor torque × gear ratio [N·m]; None where it is not logged.
         torque_commanded: [N·m]; None where it is not logged.
-        position_commanded: [rad]; None where it is not logged.
+        position_commanded: [rad]; likewise.
         source: what to call it in messages.
         identity: `fingerprint` of the log that it was made from; empty: of its own.
         notes: what its reader found worth saying.
@@ -68,6 +71,9 @@ class Log:
             values = _frozen(values)
             if values.shape != shape:
                 raise LogError(f"{self.source}: {signal} is {values.shape}, it must be {shape} (samples, joints)")
+            if signal in SPARE and np.all(np.isnan(values)):
+                object.__setattr__(self, name, None)
+                continue
             object.__setattr__(self, name, values)
 
     def __len__(self) -> int:
@@ -104,8 +110,17 @@ class Log:
         for signal, name in SIGNALS.items():
             values = getattr(self, name)
             if values is not None:
-                result |= {f"{signal}.{joint}": values[:, k] for k, joint in enumerate(self.joints)}
+                there = ~np.all(np.isnan(values), axis=0)
+                result |= {f"{signal}.{joint}": values[:, k] for k, joint in enumerate(self.joints) if there[k]}
         return result
+
+    def lacking(self, signal: str) -> tuple[str, ...]:
+        """Return the joints that a signal is not logged of, where it is of others."""
+        values = getattr(self, SIGNALS[signal])
+        if values is None:
+            return ()
+        none = np.all(np.isnan(values), axis=0)
+        return tuple(joint for joint, lacks in zip(self.joints, none, strict=True) if lacks)
 
     def select(self, joints: Sequence[str]) -> Log:
         """Return the same log with these joints alone, in this order; joints that are only numbered get these names.

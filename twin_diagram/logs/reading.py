@@ -15,7 +15,7 @@ from twin_diagram.errors import LogError, expect_path
 from twin_diagram.logs.column_map import column_map
 from twin_diagram.logs.csv_tables import few, read_foreign_table, read_table
 from twin_diagram.logs.csv_units import CURRENT, converted, expect_agreement
-from twin_diagram.logs.measured_log import SIGNALS, Log
+from twin_diagram.logs.measured_log import SIGNALS, SPARE, Log
 from twin_diagram.signals.arrays import Array
 
 
@@ -33,8 +33,6 @@ TORQUES = ("torque_measured", "torque_commanded")
 """Signals of which a log needs one."""
 FOREIGN = "; --columns tells what other names mean"
 """Said where a log's columns are not the format's."""
-SPARE = ("velocity_estimated", "position_commanded")
-"""Signals that a log need not have."""
 BAGS = (".mcap", ".db3", ".bag")
 """Endings of ROS bags: ROS 2's two stores, and ROS 1."""
 LCM_LOGS = (".lcm", ".lcmlog", ".log")
@@ -56,9 +54,8 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
 
     Raises:
         LogError: missing, empty, unreadable or ragged file; text where a number must be; a value that is missing or not
-            finite; a signal that lacks a joint; time that does not rise. The message names column and line. Left out,
-            with a note, are a joint that has no torque where others have, and samples of a foreign log with a value
-            missing.
+            finite; time that does not rise. The message names column and line. Left out, with a note, are a joint that
+            has no torque where others have, and samples of a foreign log with a value missing.
     """
     expect_path(path, "log", "a measured log")
     path, stream = _parted(Path(path))
@@ -149,7 +146,7 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
     if not joints:
         there = few(list(columns))
         raise LogError(f"{source}: has no column `position_measured.<joint>`; its columns are {there}{FOREIGN}")
-    columns, currents = _currents_as_torques(columns)
+    columns, currents = _currents_as_torques(_without_unsaid(columns))
     idle = _without_torque(columns, joints)
     joints = [joint for joint in joints if joint not in idle]
     columns = {name: values for name, values in columns.items() if name.partition(".")[2] not in idle}
@@ -169,9 +166,15 @@ def log_from_columns(columns: Mapping[str, Array], source: str, where: Callable[
         for name, attribute in SIGNALS.items()
         if (signal := _signal(columns, name, joints, source)) is not None
     }
-    notes = tuple(f"{source}: {joint} has no torque and is left out" for joint in idle)
-    notes += tuple(_of_some(columns, joints, source))
+    lacks = CURRENT if currents else _counting(columns)
+    notes = tuple(f"{source}: {joint} has no {lacks} and is left out" for joint in idle)
     return Log(time=time, joints=tuple(joints), source=source, notes=notes, currents=currents, **signals)
+
+
+def _without_unsaid(columns: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the columns without those that are NaN throughout where a joint need not have them: drives write it so."""
+    spare = (*SPARE, *TORQUES, CURRENT)
+    return {name: x for name, x in columns.items() if name.partition(".")[0] not in spare or not np.all(np.isnan(x))}
 
 
 def _currents_as_torques(columns: Mapping[str, Array]) -> tuple[dict[str, Array], bool]:
@@ -185,20 +188,16 @@ def _currents_as_torques(columns: Mapping[str, Array]) -> tuple[dict[str, Array]
 def _without_torque(columns: Mapping[str, Array], joints: Sequence[str]) -> list[str]:
     """Return the joints that have none where others have some.
 
-    Fingers and mobile bases, which few drives tell the torque of.
+    Fingers and mobile bases, which few drives tell the torque of, or only the commanded one where others are measured.
     """
-    idle = [joint for joint in joints if not any(f"{signal}.{joint}" in columns for signal in TORQUES)]
+    counts = _counting(columns)
+    idle = [joint for joint in joints if f"{counts}.{joint}" not in columns]
     return idle if len(idle) < len(joints) else []
 
 
-def _of_some(columns: Mapping[str, Array], joints: Sequence[str], source: str) -> list[str]:
-    """Return what is said of signals that need not be there, and are there of some of the joints alone."""
-    result = []
-    for signal in SPARE:
-        there = [joint for joint in joints if f"{signal}.{joint}" in columns]
-        if 0 < len(there) < len(joints):
-            result.append(f"{source}: {signal} is there of {few(there)} alone and is left out")
-    return result
+def _counting(columns: Mapping[str, Array]) -> str:
+    """Return the signal that is the log's torque: the measured one, where there is any."""
+    return TORQUES[0] if any(name.startswith(f"{TORQUES[0]}.") for name in columns) else TORQUES[1]
 
 
 def _signal(columns: Mapping[str, Array], signal: str, joints: Sequence[str], source: str) -> Array | None:
@@ -208,12 +207,8 @@ def _signal(columns: Mapping[str, Array], signal: str, joints: Sequence[str], so
     for joint in present:
         if joint not in joints:
             raise LogError(f"{source}: has {signal}.{joint} but no position_measured.{joint}")
-    for joint in joints:
-        if joint not in present and signal in SPARE:
-            return None
-        if joint not in present:
-            raise LogError(f"{source}: has {signal} of other joints, but no {signal}.{joint}")
-    return np.stack([columns[f"{signal}.{joint}"] for joint in joints], axis=1)
+    none = np.full(len(columns["time"]), np.nan)
+    return np.stack([columns.get(f"{signal}.{joint}", none) for joint in joints], axis=1)
 
 
 def _check_time(time: Array, columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> None:

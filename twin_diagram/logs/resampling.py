@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -45,13 +46,16 @@ def resample(log: Log, times: Array) -> Log:
             f"{log.source}: resample: {times[0]:g} to {times[-1]:g} s is not within "
             f"{log.time[0]:g} to {log.time[-1]:g} s"
         )
-    signals = {}
+    signals: dict[str, Any] = {}
     for attribute in SIGNALS.values():
         values = getattr(log, attribute)
         if values is None:
             continue
         degree = 3 if attribute == "position" and len(log) > 3 else 1
-        signals[attribute] = scipy.interpolate.make_interp_spline(log.time, values, k=degree)(times)
+        told = ~np.any(np.isnan(values), axis=0)  # what is not logged of a joint is not at other times, either
+        signals[attribute] = np.full((len(times), values.shape[1]), np.nan)
+        spline = scipy.interpolate.make_interp_spline(log.time, values[:, told], k=degree)
+        signals[attribute][:, told] = spline(times)
     return replace(log, time=times, identity=fingerprint(log), **signals)
 
 

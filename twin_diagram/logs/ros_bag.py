@@ -156,8 +156,8 @@ def _part(group: _Group, source: str, notes: list[str]) -> tuple[Log, int] | Non
     stamped = np.flatnonzero((stamps > 0) | (np.max(stamps) < REAL))
     order = stamped[in_order(stamps[stamped], source, lambda k: f"message {stamped[k] + 1} of {names}")]
     velocity = columns["velocity"]
-    if velocity is not None and np.any(np.isnan(velocity[:, kept])):
-        velocity = None
+    if velocity is not None:  # of a joint that lacks one at times, none counts
+        velocity = np.where(np.any(np.isnan(velocity), axis=0), np.nan, velocity)
     begin = int(stamps[order[0]])
     log = Log(
         time=seconds(stamps[order], begin),
@@ -183,12 +183,10 @@ def _beside(log: Log, other: Log, later: float) -> Log:
     times = other.time + later
     log = log.between(float(times[0]), float(times[-1]))
 
-    def both(own: Array | None, theirs: Array | None) -> Array | None:
-        if own is None or theirs is None:
-            return None
+    def both(own: Array | None, theirs: Array | None) -> Array:
+        own = np.full((len(log), len(log.joints)), np.nan) if own is None else own
+        theirs = np.full((len(times), len(other.joints)), np.nan) if theirs is None else theirs
         return np.column_stack([own, *(np.interp(log.time, times, column) for column in theirs.T)])
 
-    position, torque = both(log.position, other.position), both(log.torque, other.torque)
-    assert position is not None
-    joints = (*log.joints, *other.joints)
-    return Log(log.time, joints, position, both(log.velocity, other.velocity), torque, source=log.source)
+    position, velocity, torque = (both(getattr(log, x), getattr(other, x)) for x in ("position", "velocity", "torque"))
+    return Log(log.time, (*log.joints, *other.joints), position, velocity, torque, source=log.source)

@@ -80,6 +80,7 @@ def _torque_or_none(log: Log) -> Array | None:
     return None if log.torque is None and log.torque_commanded is None else log.motor_torque
 
 
+@np.errstate(over="ignore", invalid="ignore")  # torques that no arm could answer send it far away
 def position_predicted(
     model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None, every: int = 1
 ) -> Array:
@@ -183,6 +184,7 @@ def torque_residual_rms(model: Model, log: Log, smooth: Motion | None = None) ->
     return np.asarray(np.sqrt(np.mean(torque_residual(model, log, smooth) ** 2, axis=0)))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # torques that no arm could answer send it far away
 def rollout_rms(
     model: Model, log: Log, horizon: float = 0.2, smooth: Motion | None = None, most: int | None = None
 ) -> Array:

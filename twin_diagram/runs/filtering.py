@@ -20,7 +20,7 @@ from twin_diagram.signals.arrays import Array
 def filter_log(model: Model, log: Log, learn: Sequence[str]) -> tuple[Ekf, Array]:
     """Return a filter that has seen the whole log, and its x̂ = [q, v] at each sample (N, 2n).
 
-    Where the log has no velocities, the filter goes by the encoders alone.
+    Where the log lacks velocities, of some joints or of all, the filter goes by the encoders alone.
 
     Args:
         model: with the log's joints, in its order.
@@ -30,9 +30,10 @@ def filter_log(model: Model, log: Log, learn: Sequence[str]) -> tuple[Ekf, Array
     ekf = Ekf(ArmTerms.from_model(model), Filter(rate=1.0 / log.period, parameters=list(learn)))
     tau, states = log.motor_torque, np.empty((len(log), 2 * len(model.joints)))
     times = log.time - min(0.0, float(log.time[0]))  # to the filter, what was before 0 was never
+    drives = None if log.lacking("velocity_estimated") else log.velocity
     for k, t in enumerate(times):
-        if log.velocity is not None:
-            ekf.observe(log.position[k], log.velocity[k], tau[k], t)
+        if drives is not None:
+            ekf.observe(log.position[k], drives[k], tau[k], t)
         elif k == 0 or t - times[k - 1] > ARM_MESSAGES.longest_gap:
             after = min(k + 1, len(log) - 1)
             v = (log.position[after] - log.position[k]) / max(times[after] - t, 1e-6)

@@ -15,8 +15,8 @@ from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.gap.whole_robot.explain import begun, settled
-from twin_diagram.gap.whole_robot.few_or_whole import told_of_one_late
-from twin_diagram.gap.whole_robot.late_torque import later, likeliest_shift, one_late, shifted
+from twin_diagram.gap.whole_robot.few_or_whole import told_of_lag, told_of_one_late
+from twin_diagram.gap.whole_robot.late_torque import behind, later, likeliest_shift, one_late, shifted
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import carried, offered, terms_of, with_candidate
@@ -26,13 +26,13 @@ LATE = 0.012
 
 
 @cache
-def problem(*joints: int) -> tuple[RobotProblem, np.ndarray]:
-    """Of an arm with friction whose torque acts late on some joints; noise is there before that."""
+def problem(*joints: int, late: float = LATE) -> tuple[RobotProblem, np.ndarray]:
+    """Of an arm with friction whose torque acts late on some joints [s]; noise is there before that."""
     records = noisy(ARM, ARM.with_effects([everywhere("viscous_friction", damping=2.0)]), 6.0)
     (made,) = records.records
     torque = made.torque.copy()
     for j in joints:
-        torque[:, j] = np.interp(made.time + LATE, made.time, torque[:, j])
+        torque[:, j] = np.interp(made.time + late, made.time, torque[:, j])
     return settled(begun(records, equations(replace(records, records=(replace(made, torque=torque),)))))
 
 
@@ -91,6 +91,24 @@ def test_the_joint_that_is_late_is_told_in_words() -> None:
 @pytest.mark.parametrize("joints", [(), tuple(range(6))])
 def test_where_none_is_late_or_all_are_no_single_joint_is_told(joints: tuple[int, ...]) -> None:
     assert one_late(*problem(*joints)) is None
+
+
+def test_torques_that_lag_the_motion_are_told_in_words() -> None:
+    """A drive's filter; `gap` said that structure is left which has no name, and no more."""
+    lags = problem(*range(6), late=-LATE)
+    assert behind(*lags) == pytest.approx(LATE, abs=1e-3)
+    nothing = np.zeros(6)
+    (said,) = told_of_lag(WholeRobot(ARM, (), nothing, nothing, nothing, *lags))
+    assert said.startswith("the logged torques seem to come some 12 ms after the motion")
+
+
+@pytest.mark.parametrize("joints", [(), (ELBOW,), tuple(range(6))])
+def test_where_torques_come_before_motion_or_with_it_none_lags(joints: tuple[int, ...]) -> None:
+    assert behind(*problem(*joints)) == 0.0
+
+
+def test_one_joint_that_lags_is_no_lag_of_all() -> None:
+    assert behind(*problem(ELBOW, late=-LATE)) == 0.0
 
 
 def test_shifted_logs_are_those_of_earlier_torque_and_candidates_have_the_residuals_band() -> None:

@@ -26,7 +26,7 @@ from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.loads import evidence, loaded, rise_with
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
-from twin_diagram.gap.whole_robot.pushes import TUNING, _innermost, _Tried, pushes
+from twin_diagram.gap.whole_robot.pushes import TUNING, _innermost, _Tried, counted, pushes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, equations
 from twin_diagram.gap.whole_robot.unusual import offered, room_for, terms_of, unusual, weighed, with_candidate
 from twin_diagram.model.effects import Effect, make
@@ -63,6 +63,21 @@ def test_a_payload_is_found_with_its_mass_and_centre() -> None:
     assert told is not None and "payload" in {finding.name for finding in told.findings}
     (mass,) = [f.parameters["mass"] for f in told.findings if f.name == "payload"]
     assert mass.std >= 0.1 * start.links.described[-1, 0]  # type: ignore[union-attr]  # the last link's own doubt
+
+
+@pytest.mark.parametrize("com", [(-0.1, -0.1, 0.15), (0.0, 0.25, 0.1), (-0.2, -0.15, 0.05), (0.0, -0.3, 0.1)])
+def test_a_payload_off_the_tool_is_found(com: tuple[float, float, float]) -> None:
+    """Looked for as a mass without inertia, it was found to be none, though evidence speaks for it by 240 nats."""
+    true = ARM.with_effects(
+        [everywhere("viscous_friction", damping=2.0), effect("payload", links=["tool0"], mass=1.2, com=list(com))]
+    )
+    records = noisy(ARM, true, 10.0)
+    start, z = settled(begun(records, equations(records)))
+    found = loaded(start, z)
+    assert found is not None
+    own = solve(found)[found.place(0)]
+    np.testing.assert_allclose(own[0], 1.2, rtol=0.03)
+    np.testing.assert_allclose(own[1:] / own[0], com, atol=0.01)
 
 
 def test_motors_that_are_off_do_not_hide_a_payload() -> None:
@@ -345,6 +360,20 @@ def test_what_links_that_are_off_or_drifting_friction_do_is_no_push(monkeypatch:
     assert weighed(start, z, left_out, push, last) is None
     monkeypatch.setattr("twin_diagram.gap.whole_robot.unusual.rise_beside_the_usual", lambda *_: np.inf)
     assert weighed(start, z, left_out, push, last) is not None
+
+
+def test_a_push_costs_what_the_motion_tells_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a wrench on the first link one number turns a joint; priced as six, it had no name."""
+    start = problem(make(EffectSpec("external_force", [], ["shoulder_link"], {"wrench": [0.0] * 5 + [0.05]}, 3.0, 6.0)))
+    z, terms = solve(start), terms_of(start.sums, ARM)
+    left_out, last = LeftOut.of(start, z), ARM.bodies.body_of(ARM.last_link)[0]
+    (wrench,) = [c for c in external_forces(terms) if c.links == ("shoulder_link",) and c.size == 6]
+    span = (0, 3.0), (0, 6.0)
+    push = replace(wrench.during(active(terms, *span), *span), cost=2.0 * float(np.log(TUNING.blocks)))
+    assert counted(push) == 1 and counted(wrench) == 6
+    assert weighed(start, z, left_out, push, last) is not None
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.unusual.counted", lambda candidate: candidate.size)
+    assert weighed(start, z, left_out, push, last) is None
 
 
 def test_a_push_stands_beside_all_that_is_usual() -> None:

@@ -252,6 +252,17 @@ def test_currents_are_played_as_torques(tmp_path: Path) -> None:
         replay_scenario(log, "arms/panda_hand.urdf", constants=["much"])
 
 
+def test_velocities_of_some_joints_alone_are_played(tmp_path: Path) -> None:
+    """A gripper's driver tells none of its own; the others' were lost with it."""
+    told = {f"velocity_estimated.{joint}": np.full(50, 0.5 + k) for k, joint in enumerate(JOINTS) if k != 6}
+    station = make_station(replaying(write_csv(tmp_path / "log.csv", **told)))
+    context = station.CreateDefaultContext()
+    context.SetTime(0.1)
+    shown = station.GetOutputPort(ports.VELOCITY_ESTIMATED).Eval(context)
+    np.testing.assert_allclose(shown[:6], 0.5 + np.arange(6.0))
+    assert np.isfinite(shown[6]) and abs(shown[6]) < 0.11
+
+
 def test_an_encoder_of_one_turn_costs_no_jump(tmp_path: Path) -> None:
     whole = np.pi + 0.4 * np.sin(30.0 * 0.004 * np.arange(50))
     wrapped = (whole + np.pi) % (2.0 * np.pi) - np.pi

@@ -18,7 +18,7 @@ from twin_diagram.gap.whole_robot import found_before, taking_over
 from twin_diagram.gap.whole_robot.coarse_torque import in_coarse_steps
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.gap.whole_robot.explain import explain
-from twin_diagram.gap.whole_robot.late_torque import one_late
+from twin_diagram.gap.whole_robot.late_torque import behind, one_late
 from twin_diagram.gap.whole_robot.lost_dips import without_lost_dips
 from twin_diagram.gap.whole_robot.placeholders import as_of_the_description, placeholders
 from twin_diagram.gap.whole_robot.well_told import well_told
@@ -154,7 +154,18 @@ def why_none_alone(logs: Sequence[Log]) -> str:
 
 def told_of_whole(whole: WholeRobot, logs: Sequence[Log], floor: Array) -> list[str]:
     """Return what is said of a robot as a whole beside its names; `floor` (n,) is that of noise [N·m]."""
-    return told_of_one_late(whole) + taking_over.told_of_rests(whole, logs, floor)
+    return told_of_lag(whole) + told_of_one_late(whole) + taking_over.told_of_rests(whole, logs, floor)
+
+
+def told_of_lag(whole: WholeRobot) -> list[str]:
+    """Return what is said where all logged torques come after the motion that they belong to."""
+    late = behind(whole.problem, whole.coordinates)
+    if not late:
+        return []
+    return [
+        f"the logged torques seem to come some {1e3 * late:.0f} ms after the motion that they belong to (a filter in "
+        "the drives, or stamps of another clock): log them unfiltered, or shift them; names may stand for a part of it"
+    ]
 
 
 def told_of_one_late(whole: WholeRobot) -> list[str]:

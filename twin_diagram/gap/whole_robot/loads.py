@@ -13,7 +13,8 @@ import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.payload import payload, payload_about
-from twin_diagram.gap.candidates.whole_arm import last_body
+from twin_diagram.gap.candidates.whole_arm import last_body, reach
+from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, known_spreads, solve, with_noise
 from twin_diagram.gap.whole_robot.unusual import believable, carried, offered, terms_of, with_candidate
 from twin_diagram.model.effects.actuation import TorqueConstant
@@ -35,6 +36,10 @@ class Tuning:
 
     rounds: int = 3
     """Times that a payload's centre is looked for, from where it was found before."""
+
+    off: tuple[float, ...] = (0.24, 0.12)
+    """Shares of an arm's reach off its tool's frame at which a centre is looked for where at that frame there is none:
+    two thirds and one third of how far it may be."""
 
     spreads: tuple[float, ...] = (0.0125, 0.025, 0.05, 0.1, 0.15)
     """Of links about their description, from which the evidence chooses: at the last, masses are off by 30 % as a rule.
@@ -60,16 +65,7 @@ def loaded(whole: RobotProblem, start: Array) -> RobotProblem | None:
         start: its coordinates (Z,).
     """
     terms = terms_of(whole.sums, whole.sums.records.model)
-    candidate = payload(terms)
-    last = last_body(terms)
-    near = replace(whole, spread=TUNING.usual if whole.told is None else max(whole.spreads))
-    for _ in range(TUNING.rounds):  # beside a last link as it is described, or that takes the centre over
-        beside = with_candidate(near, candidate, last)
-        z = solve(beside, None, carried(near, start, beside))
-        own = z[beside.place(len(beside.sums.further) - 1)]
-        if not own[0] > 0.0 or not candidate.allows(own):
-            break
-        candidate = payload_about(terms, own[1:] / own[0])  # off its link's origin, a mass has inertia, too
+    candidate, last = centred(whole, start, terms) or payload(terms), last_body(terms)
     rise, spread = rise_with(whole, start, candidate, whole.sums.further)
     if rise < TUNING.worth:
         return None
@@ -78,6 +74,47 @@ def loaded(whole: RobotProblem, start: Array) -> RobotProblem | None:
     nearer = tuple(one for one in whole.spreads if one <= spread)
     load = replace(load, spreads=nearer or (spread,))
     return load if believable(load) else None
+
+
+def centred(whole: RobotProblem, start: Array, terms: Terms) -> Candidate | None:
+    """Return a payload about the centre that it is found at; None where it is found nowhere.
+
+    A mass without inertia, as it is looked for at first, is none where a load off the tool has much: all that motion
+    and gravity tell of it then is its first moment, mass times centre. Along that it is looked for again, off the tool.
+
+    Args:
+        whole: everything usual free, with its noise.
+        start: its coordinates (Z,).
+        terms: of the same samples.
+    """
+    near = replace(whole, spread=TUNING.usual if whole.told is None else max(whole.spreads))
+    first, moment, settles = _about_where_it_is(near, start, terms, payload(terms))
+    size = float(np.linalg.norm(moment))
+    for share in TUNING.off if size > 0.0 and not settles else ():
+        off = payload_about(terms, share * reach(terms) * moment / size)
+        found, _, settles = _about_where_it_is(near, start, terms, off)
+        if settles:
+            return found
+    return first
+
+
+def _about_where_it_is(
+    near: RobotProblem, start: Array, terms: Terms, candidate: Candidate
+) -> tuple[Candidate | None, Array, bool]:
+    """Return a payload about the centre that it has, looked for in turns; None where it cannot be.
+
+    Also its first moment (3,) [kg·m] as it was found last, and whether it could be in all turns.
+    """
+    last = last_body(terms)
+    found: Candidate | None = None
+    for _ in range(TUNING.rounds):  # beside a last link as it is described, or that takes the centre over
+        beside = with_candidate(near, candidate, last)
+        z = solve(beside, None, carried(near, start, beside))
+        own = z[beside.place(len(beside.sums.further) - 1)]
+        if not own[0] > 0.0 or not candidate.allows(own):
+            return found, own[1:], False
+        candidate = found = payload_about(terms, own[1:] / own[0])  # off its link's origin, a mass has inertia, too
+    return found, own[1:], True
 
 
 def needed(problem: RobotProblem, others: Sequence[Candidate]) -> float:

@@ -243,7 +243,7 @@ class _Tried:
         ratio = np.maximum(before, TUNING.nothing) / np.maximum(after, TUNING.nothing)
         rises = 0.5 * share * problem.sums.counted * np.log(ratio)
         size = np.sqrt(np.mean(candidate.columns**2, axis=(0, 2)))
-        forces, both = _rank(candidate.columns[..., :3]), _rank(candidate.columns)
+        forces, both = numbers_told(candidate.columns[..., :3]), numbers_told(candidate.columns)
         score = float(np.sum(rises)) - TUNING.force * forces - TUNING.moment * (both - forces)
         drives = int(np.sum(size > TUNING.told * np.max(size)))
         spread = np.sqrt(np.diag(estimates.covariance(tried, fitted))[-candidate.size :])
@@ -251,8 +251,16 @@ class _Tried:
         return _Tried(candidate, score, drives, rises, tried.variance, share, told)
 
 
-def _rank(columns: Array) -> int:
-    """Return how many directions of coefficients columns (N, r, k) tell apart."""
+def counted(candidate: Candidate) -> int:
+    """Return how many numbers a candidate says: of what acts for a while those that the motion tells, at least one."""
+    return candidate.size if candidate.onset is None else max(numbers_told(candidate.columns), 1)
+
+
+def numbers_told(columns: Array) -> int:
+    """Return how many of its k numbers a push's columns (N, r, k) tell: of a wrench on the first link only one.
+
+    The other directions of its coefficients turn no joint, stay at zero and are no freedom to fit noise with.
+    """
     sizes = np.linalg.svd(np.einsum("njk,njl->kl", columns, columns), compute_uv=False)
     return int(np.sum(sizes > TUNING.told**2 * sizes[0])) if sizes[0] > 0.0 else 0
 

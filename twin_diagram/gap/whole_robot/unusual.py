@@ -23,7 +23,7 @@ from twin_diagram.gap.whole_robot.colour_of_noise import quietest, whitened
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
-from twin_diagram.gap.whole_robot.pushes import on_the_innermost, pushes
+from twin_diagram.gap.whole_robot.pushes import counted, on_the_innermost, pushes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.gap.whole_robot.transmitted_torque import transmitted
 from twin_diagram.model.effects.actuation import TorqueBias, TorqueConstant
@@ -343,7 +343,7 @@ def least(candidate: Candidate) -> float:
 
 def price(candidate: Candidate) -> float:
     """Return what is asked of a candidate for its further coefficients, and for its times [nats]."""
-    return TUNING.each * (candidate.size - 1) + (candidate.cost if candidate.onset is not None else 0.0)
+    return TUNING.each * (counted(candidate) - 1) + (candidate.cost if candidate.onset is not None else 0.0)
 
 
 def with_candidate(problem: RobotProblem, candidate: Candidate, last: int) -> RobotProblem:
@@ -386,8 +386,8 @@ def believable(problem: RobotProblem, at: int = -1) -> bool:
         return True
     # A straight spring's level alone would be an offset.
     told = slice(0, 1) if candidate.name == JointSpring.name and not candidate.variant else slice(None)
-    size, spread = z[s][told], covariance[told, told]
-    return float(np.sqrt(size @ np.linalg.pinv(spread, hermitian=True) @ size / len(size))) > 1.0 / TUNING.sure
+    size, spread, number = z[s][told], covariance[told, told], min(counted(candidate), len(z[s][told]))
+    return float(np.sqrt(size @ np.linalg.pinv(spread, hermitian=True) @ size / number)) > 1.0 / TUNING.sure
 
 
 def without_doubtful(problem: RobotProblem) -> RobotProblem:

@@ -295,8 +295,8 @@ def read_log(
 ) -> Messages:
     """Return a measured log in the project's format, its times counted from its first sample.
 
-    Angles go on where they jump by a turn. Where it has no `velocity_estimated`, that is the backward difference of
-    positions.
+    Angles go on where they jump by a turn. Of joints without `velocity_estimated`, that is the backward difference
+    of positions.
 
     Args:
         path: CSV or .npz.
@@ -316,8 +316,8 @@ def read_log(
     except LogError as error:
         raise LogError(f"replay.log: {error}") from error
     time = log.time - log.time[0]
-    velocity = log.velocity
-    if velocity is None:
-        steps = np.diff(log.position, axis=0) / np.diff(log.time)[:, None]
-        velocity = np.vstack([np.zeros((1, len(joints))), steps])
+    steps = np.diff(log.position, axis=0) / np.diff(log.time)[:, None]
+    velocity = np.vstack([np.zeros((1, len(joints))), steps])
+    if log.velocity is not None:
+        velocity = np.where(np.isnan(log.velocity), velocity, log.velocity)
     return Messages(time, time, log.position, velocity, torque)
