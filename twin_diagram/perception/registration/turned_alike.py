@@ -132,8 +132,7 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
             return replace(others[best], odds=before)
         told = min(told, float(worse[far_off].min(initial=np.inf)))
         odds = after_image(before, told)
-        # Odds fall by turns that were not registered, too: those may be likelier as they are laid alone.
-        if odds <= -TUNING.wrong and far_off[best] and worse[best] < 0.0:
+        if odds <= -TUNING.wrong and far_off[best]:
             return replace(others[best], odds=min(-odds, TUNING.most))
     return replace(one, odds=after_image(before, told))
 
