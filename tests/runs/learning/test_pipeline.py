@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -228,6 +229,79 @@ def test_an_object_put_away_ends_the_count_of_failures(tmp_path: Path, monkeypat
     assert [one.state for one in run.state.learned] == ["failed", "failed", "handled"]
     assert run.state.failed_at == [] and run.state.given_up == []
     assert LearningRecord(tmp_path / "run", Scenario()).resume().taken == 1, "a run that goes on knows it, too"
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_what_one_grasp_leaves_no_place_for_is_put_away_in_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, again: bool
+) -> None:
+    """An L was weighed, found no place beside three that stood there, and was let fall from where the hand was."""
+    bin_, grasps = Bin([0.0]), [0]
+    run = learner(bin_, tmp_path / "run", monkeypatch, tries=1)
+    held = ShownObject(Followed(shown=[shown(turned(0.0), np.eye(4), 0)]), [np.eye(4)])
+
+    def put_away(tools: Any, what: ShownObject, standing: Sequence[PutDown]) -> PutDown:
+        if grasps[0] == 0:
+            raise NoWay("something is in the way of setting it down")
+        bin_.places = []
+        return PutDown((0.4, 0.4), 0.05, 0.1)
+
+    def show_again(tools: Any, what: ShownObject, firm: bool) -> bool:
+        assert firm
+        if not again:
+            raise NoWay("no place to set it down is reached")
+        grasps[0] += 1
+        return True
+
+    for name, stage in (
+        ("show_first", lambda tools, picked: held),
+        ("write_frames", lambda folder, what, gripper: None),
+        ("put_away", put_away),
+        ("show_again", show_again),
+    ):
+        monkeypatch.setattr(handling, name, stage)
+    jobs: Any = SimpleNamespace(add=lambda name, folder: None, poll=list, pending=[], close=lambda: None)
+    run._jobs, learning = jobs, Learning(tries=1, grasps=1, weigh_seconds=0.0)
+    cell = SimpleNamespace(**vars(run.tools.cell), opening=0.05, shut=True, q=np.zeros(7), moment=lambda name: None)
+    mover = SimpleNamespace(tool=lambda q: np.eye(4))
+    tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=mover, gripper=None, cameras={}, faces=None)
+    run.tools = tools
+    monkeypatch.setattr(pipeline, "seek", lambda *told: (Sought("nothing lies there"), PICTURE))
+    run.run()
+    (one,) = run.state.learned
+    assert bool(one.standing) == again and grasps == [int(again)]
+    assert one.why == ("" if again else "something is in the way of setting it down")
+    stages = [line for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines() if "put away" in line]
+    assert len(stages) == 1 + again
+
+
+@pytest.mark.parametrize(("free", "highest"), [(0.0, 0.22), (0.3, 0.4), (1.0, None)])
+def test_what_cannot_be_set_down_is_let_fall_over_what_stands_in_the_bin(
+    monkeypatch: pytest.MonkeyPatch, free: float, highest: float | None
+) -> None:
+    went, learning = list[float](), Learning()
+    floor = learning.into_bin[0][2]
+
+    def path(q: Any, goals: Any) -> Any:
+        if not len(goals):
+            raise NoWay("out of reach")
+        return goals
+
+    mover = SimpleNamespace(
+        goals=lambda X, near: [X[2, 3] - floor] if X[2, 3] - floor > free else [],
+        path=path,
+        timed=lambda way: way,
+        tool=lambda q: np.eye(4),
+        hold=lambda points: None,
+    )
+    cell = SimpleNamespace(
+        shut=True, opening=0.05, commanded=None, q=None, about=lambda *told: nullcontext(), grip=lambda share: None
+    )
+    monkeypatch.setattr(handling, "go", lambda cell, way: went.extend(way))
+    monkeypatch.setattr(handling, "go_home", lambda tools: None)
+    tools: Any = SimpleNamespace(cell=cell, mover=mover, learning=learning)
+    fell = handling.let_go(tools)
+    assert went == pytest.approx([] if highest is None else [highest]) and (fell is None) == (highest is None)
 
 
 @pytest.mark.parametrize("wide", [False, True])

@@ -72,8 +72,8 @@ class Tuning:
     floor: float = 0.003
     """Height over the bin's bottom that fingers stay above [m]."""
 
-    dropped: float = 0.22
-    """Height over the bin's bottom of the finger tips from which what cannot be set down is let go [m]."""
+    dropped: tuple[float, ...] = (0.22, 0.4)
+    """Heights of the tips over the bin's bottom where what cannot be set down falls [m]; the 2nd over tall things."""
 
     fallen: float = 0.05
     """Half of the size of something that was let fall [m], for who puts others beside it."""
@@ -380,14 +380,14 @@ def let_go(tools: Tools) -> PutDown | None:
         NoWay: there is no way home; the hand is empty.
     """
     low, high = (np.array(corner) for corner in tools.learning.into_bin)
-    place = np.array([*(0.5 * (low + high)[:2]), low[2] + TUNING.dropped])
-    over = pose(pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])), place)
-    fell = None
-    if tools.cell.shut and tools.cell.opening > PICKING.empty:
+    (x, y), fell = 0.5 * (low + high)[:2], None
+    down = pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]))
+    for height in TUNING.dropped if tools.cell.shut and tools.cell.opening > PICKING.empty else ():
         with contextlib.suppress(NoWay):
-            goals = tools.mover.goals(over, tools.cell.commanded)
+            goals = tools.mover.goals(pose(down, np.array([x, y, low[2] + height])), tools.cell.commanded)
             go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, goals)))
-            fell = PutDown((float(over[0, 3]), float(over[1, 3])), TUNING.fallen, float(low[2]) + 2 * TUNING.fallen)
+            fell = PutDown((float(x), float(y)), TUNING.fallen, float(low[2]) + 2 * TUNING.fallen)
+            break
     with tools.cell.about(RELEASE, tools.mover.tool(tools.cell.q)[:3, 3]):
         tools.cell.grip(1.0)
     tools.mover.hold(None)

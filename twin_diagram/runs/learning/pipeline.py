@@ -13,20 +13,16 @@ import numpy as np
 
 from twin_diagram.errors import StationError, TwinError
 from twin_diagram.estimation.weighing import WeighingError
-from twin_diagram.model.model import Model
-from twin_diagram.perception.segmentation.robot_shape import RobotShape
-from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
-from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning import handling, picking
 from twin_diagram.runs.learning.bin_view import SeenThing, narrowest, save_picture
-from twin_diagram.runs.learning.camera_check import KnownFaces, correct_cameras
-from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.runs.learning.camera_check import correct_cameras
+from twin_diagram.runs.learning.cell import Picture
 from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
 from twin_diagram.runs.learning.finishing import figures_of, finish, seen_so_far
 from twin_diagram.runs.learning.gallery import write_gallery
-from twin_diagram.runs.learning.motion import Mover, NoWay
+from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, RunState, plain
 from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.setting_down import PutDown
@@ -37,7 +33,6 @@ from twin_diagram.runs.learning.tipping import plan_tipping, tip_up
 from twin_diagram.runs.learning.which_first import which_first
 from twin_diagram.runtime import stopping
 from twin_diagram.runtime.stopping import Stopped
-from twin_diagram.scenario import Learning, Scenario
 from twin_diagram.signals.arrays import Array
 
 Say = Callable[[str], None]
@@ -61,20 +56,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-
-
-def tools_of(scenario: Scenario, learning: Learning) -> handling.Tools:
-    """Build the cell of a scenario and what handles it."""
-    twin, packages = scenario.twin, dict(scenario.packages)
-    gripper = gripper_of(learning.gripper)
-    cell = Cell(scenario)
-    model = Model.load(twin.arm, packages, torque_side=twin.driver.torque_side)
-    mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
-    driven = model if twin.driver.torque_side == "motor" else Model.load(twin.arm, packages, torque_side="motor")
-    home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
-    faces = KnownFaces.of([solid for _, solids in fixture_solids(twin.fixtures, packages) for solid in solids])
-    robot = RobotShape(twin.arm, packages)
-    return handling.Tools(cell, mover, robot, gripper, learning, home, model, driven, twin.cameras, faces)
 
 
 class Learner:
@@ -217,10 +198,7 @@ class Learner:
             X_WS = self.tools.mover.tool(self.tools.cell.q) @ np.linalg.inv(shown.X_ST[-1])
             one.figures["X_WS"] = X_WS.tolist()
             self.tools.cell.moment(name)
-            with self._stage(name, "put away"):
-                self._in_bin = False
-                put = handling.put_away(self.tools, shown, self._standing())
-                one.standing = put.numbers()
+            one.standing = self._put_away(name, shown).numbers()
             empty = self.record.folder / SWUNG
             if shown.swung is not None and not empty.is_file():
                 with self._stage(name, "swing the empty hand"):
@@ -271,6 +249,23 @@ class Learner:
         if told["outcome"] != "shown":
             raise NothingHeld("it could not be taken from the platform again")
         return True
+
+    def _put_away(self, name: str, shown: ShownObject) -> PutDown:
+        """Put what is held into the other bin; where its grasp leaves no place there, in another one.
+
+        Raises:
+            NoWay: no place is reached in that either.
+            NothingHeld: it was lost on its way through the platform.
+        """
+        self._in_bin = False
+        try:
+            with self._stage(name, "put away"):
+                return handling.put_away(self.tools, shown, self._standing())
+        except NoWay:
+            if not self._once_more(name, shown, firm=True):
+                raise
+        with self._stage(name, "put away"):
+            return handling.put_away(self.tools, shown, self._standing())
 
     def _standing(self) -> list[PutDown]:
         """Return what stands in the other bin."""

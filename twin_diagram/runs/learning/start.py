@@ -12,14 +12,19 @@ import numpy as np
 from twin_diagram.errors import ModelError, ScenarioError, TwinError
 from twin_diagram.model.description import add_arm
 from twin_diagram.model.model import Model
-from twin_diagram.runs.learning.cell import Observer, told_camera
+from twin_diagram.perception.segmentation.robot_shape import RobotShape
+from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
+from twin_diagram.planning.grasps import gripper_of
+from twin_diagram.runs.learning.camera_check import KnownFaces
+from twin_diagram.runs.learning.cell import Cell, Observer, told_camera
 from twin_diagram.runs.learning.contact_count import ContactCount, Watchers
 from twin_diagram.runs.learning.display import TUNING as DISPLAY
 from twin_diagram.runs.learning.display import tool_at
 from twin_diagram.runs.learning.finishing import finish, in_words
 from twin_diagram.runs.learning.gallery import write_gallery
 from twin_diagram.runs.learning.handling import Tools
-from twin_diagram.runs.learning.pipeline import Learner, tools_of
+from twin_diagram.runs.learning.motion import Mover
+from twin_diagram.runs.learning.pipeline import Learner
 from twin_diagram.runs.learning.record import LearningError, LearningRecord, RunState
 from twin_diagram.runs.learning.shape_worker import FRAMES, make_shape
 from twin_diagram.runtime import stopping
@@ -65,6 +70,20 @@ def check_cell(scenario: Scenario) -> Learning:
                 f"twin.cameras.{name}.X_WC", f"the camera does not see {what} at {middle.round(3).tolist()}"
             )
     return learning
+
+
+def tools_of(scenario: Scenario, learning: Learning) -> Tools:
+    """Build the cell of a scenario and what handles it."""
+    twin, packages = scenario.twin, dict(scenario.packages)
+    gripper = gripper_of(learning.gripper)
+    cell = Cell(scenario)
+    model = Model.load(twin.arm, packages, torque_side=twin.driver.torque_side)
+    mover = Mover(twin, packages, np.asarray(model.velocity_limit), scenario.seed)
+    driven = model if twin.driver.torque_side == "motor" else Model.load(twin.arm, packages, torque_side="motor")
+    home = np.array(twin.home, dtype=float) if twin.home else np.zeros(len(model.joints))
+    faces = KnownFaces.of([solid for _, solids in fixture_solids(twin.fixtures, packages) for solid in solids])
+    robot = RobotShape(twin.arm, packages)
+    return Tools(cell, mover, robot, gripper, learning, home, model, driven, twin.cameras, faces)
 
 
 def check_display(tools: Tools) -> None:
