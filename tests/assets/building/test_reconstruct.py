@@ -326,7 +326,10 @@ def test_frames_become_an_asset_of_the_library(tmp_path: Path) -> None:
     assert asset.unpainted is not None
     low = asset.points_O[:, 2] - asset.points_O[:, 2].min()
     assert asset.unpainted[(asset.normals_O[:, 2] < -0.9) & (low < 0.001)].mean() > 0.95, "nobody saw its bottom"
-    assert asset.unpainted[low > 0.005].mean() < 0.02
+    off = np.sort(asset.size / 2 - np.abs(asset.points_O - asset.points_O.mean(axis=0)), axis=1)[:, 1]
+    # Of its edges pictures show pixels that may have the background's colour: 2.5 of them are left out.
+    assert asset.unpainted[(low > 0.005) & (off > 0.003)].mean() < 0.01
+    assert asset.unpainted[low > 0.005].mean() < 0.06
     shown = asset.normals_O[:, 2] > -0.5  # its bottom takes the colour of what is near
     assert (np.abs(asset.colours[shown] - np.array([200, 40, 40]) / 255).max(axis=1) < 0.05).mean() > 0.95
 
