@@ -116,7 +116,9 @@ def write_learned(
     moments, axes = np.linalg.eigh(own.inertia)
     moments_std = own.turned(axes.T).inertia_std[:3]
     notes = [f"{100 * shape.unseen:.0f} % of the surface was never seen"]
-    built = build_from_triangles(corners, shape.uv, shape.texture, told, name, unseen=shape.unseen, notes=notes)
+    built = build_from_triangles(
+        corners, shape.uv, shape.texture, told, name, unseen=shape.unseen, notes=notes, blank=shape.blank
+    )
     return {
         "mass": own.mass,
         "mass_std": own.mass_std if np.isfinite(own.mass_std) else None,

@@ -41,6 +41,7 @@ def make_shape(folder: Path, backend: ShapeBackend | None = None) -> ColouredSur
         uv=shape.uv,
         texture=shape.texture,
         told=np.array([shape.unseen, shape.noise]),
+        **({} if shape.blank is None else {"blank": shape.blank}),
     )
     atomic_file.write(folder / SHAPE, data.getvalue())
     return shape
@@ -49,8 +50,8 @@ def make_shape(folder: Path, backend: ShapeBackend | None = None) -> ColouredSur
 def read_shape(folder: Path) -> ColouredSurface:
     """Return the shape that was made in a folder."""
     with np.load(folder / SHAPE, allow_pickle=False) as data:
-        told = data["told"]
-        return ColouredSurface(data["corners"], data["uv"], data["texture"], float(told[0]), float(told[1]))
+        blank = data["blank"] if "blank" in data else None
+        return ColouredSurface(data["corners"], data["uv"], data["texture"], *map(float, data["told"]), blank=blank)
 
 
 def main(folder: Path) -> int:
