@@ -185,6 +185,25 @@ def test_colours_that_no_picture_showed_neither_veto_a_pose_nor_pull_at_it(box: 
         assert told[0][0] == pytest.approx(assess(box.model, view.frame, right, 400).quality[0], abs=0.03)
 
 
+def test_a_side_that_no_picture_showed_is_no_likelier_than_one_that_is_seen(box: Known) -> None:
+    """Paint that fits badly, as fine print does, costs more than made-up colours are taken to cost: those then, too."""
+    thing = standing(box)
+    view = seen([thing])
+    asset = box.model.asset
+    noise = np.random.default_rng(5).normal(0.0, 0.25, asset.colours.shape)
+    shown = asset.normals_O @ (thing.R.T @ (view.frame.camera.p_WC - thing.p)) > 0.0
+    other = replace(asset, colours=np.clip(asset.colours + noise, 0.0, 1.0), unpainted=~shown)
+    model = ModelCloud.of(other, 400)
+    turns = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0])])
+    poses = Poses(thing.R @ turns, np.repeat(thing.p[None], 3, axis=0))
+    painted = look(model, view.frame, poses, 400, FINE).painted.mean(axis=1)
+    k = int(np.argmin(painted))
+    assert painted[k] < 0.5 * painted[0], "it shows what no picture did"
+    votes = colour_costs(model, view.frame, poses, 400)
+    shape = compare(model, view.frame, poses, view.segments.points_W[::10], FINE)
+    assert votes[k] > votes[0] - 0.5 and shape[k] > shape[0] - 0.5
+
+
 def test_where_colours_do_not_tell_a_pose_stays(box: Known) -> None:
     thing = standing(box)
     view = seen([thing], grey=True)
