@@ -213,6 +213,23 @@ def test_where_colours_do_not_tell_a_pose_stays(box: Known) -> None:
     assert left.odds == TURNED.unsaid
 
 
+@pytest.mark.parametrize("worse", [2.0, -2.0])
+def test_a_pose_gives_way_to_no_turn_that_is_less_likely_once_it_is_registered(
+    box: Known, monkeypatch: pytest.MonkeyPatch, worse: float
+) -> None:
+    thing = standing(box)
+    view = seen([thing])
+    one, count = at(thing, view, box), len(box.model.mistaken)
+    assert count > TURNED.rivals, "one is not registered"
+    laid = np.concatenate([[0.0], np.full(count, -9.0)])
+    monkeypatch.setattr(turned_alike, "colour_costs", lambda *told: laid)
+    monkeypatch.setattr(turned_alike, "_most", lambda *told: np.full(count + 1, np.inf))
+    monkeypatch.setattr(turned_alike, "_worse", lambda *told: np.full(TURNED.rivals, worse))
+    after = weighed(box.model, view, one, -0.5, lambda R, p: replace(one, R=R, p=p))
+    assert (off(after.R, thing.R) < 0.05) == (worse > 0.0)
+    assert after.odds is not None and (after.odds < -TURNED.wrong) == (worse > 0.0), "it is doubted all the same"
+
+
 def test_what_is_turned_back_keeps_its_name(box: Known) -> None:
     thing = standing(box)
     view = seen([thing])
