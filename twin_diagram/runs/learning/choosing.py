@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -35,6 +35,8 @@ class Tuning:
 
 
 TUNING = Tuning()
+ROOMS: Final = (0, 1)
+"""Which of `in_the_way`: with room about all of it, then without."""
 ONE_SIDED: Final = "one-sided"
 """A grasp with a side of which nothing is known."""
 PUSHING: Final = "pushing"
@@ -43,25 +45,16 @@ TIPS: Final = "tips"
 """One by the very tips of the pads."""
 
 
-def choose(
-    mover: Mover,
-    cell: Cell,
-    gripper: Gripper,
-    thing: SeenThing,
-    bin_corners: tuple[Array, Array],
-    floor: float,
-    rest: Sequence[Array],
-    attempt: int,
-    failed: Sequence[Array],
-) -> tuple[Reach | None, str]:
-    """Return a grasp of a thing that is reached, or why there is none.
+@dataclass
+class Choice:
+    """Looks for a grasp of one thing, room by room: each search takes a second or two, and is made once if at all.
 
     One whose contacts are both seen or guessed goes before one with a side of which nothing is known, and that before
     one by the very tips of the pads, with which more room is bought too dearly; one with room beside the hand before
     one without; then one that is had with fingers opened all the way before others. Where its sides are known they are
     opened no farther than it asks for. Before tips of pads are tried, fingers may push aside what lies beside it.
 
-    Args:
+    Attributes:
         mover: plans.
         cell: where the arm is.
         gripper: that takes it.
@@ -71,30 +64,67 @@ def choose(
         rest: points (N, 3) of each thing beside it.
         attempt: number of the try, from 0.
         failed: (4, 4) poses of the tool at which it held nothing.
+        why: why there is none, as far as was looked.
     """
-    spares, why = dict[str, Reach](), ""
-    free = in_the_way(*bin_corners, rest)
-    pushed = in_the_way(*bin_corners, yielding_away(thing, rest))[-1:] if rest else []
-    for (room, beside), opened in product(enumerate(free + pushed), TUNING.opened):
-        most = gripper.opening_least + opened * (gripper.opening_most - gripper.opening_least)
-        grasps = grasps_of_thing(thing, replace(gripper, opening_most=most), floor, beside, attempt)
-        order = downward(grasps)
-        if opened < 1.0:
-            order = order[grasps.approach[order, 2] <= -TUNING.upright]
-        elif why != "out of reach" and room < len(free):
-            why = "out of reach" if len(order) else why_not(thing, gripper, grasps)
-        reach = reach_of(mover, cell, grasps, unlike(grasps.poses, order, failed), opened=opened)
-        if reach is None:
-            continue
-        reach, tips = replace(reach, roomy=room == 0), bool(by_tips(grasps)[reach.grasp])
-        if grasps.seen[reach.grasp].all() and not tips:
-            reach = replace(reach, opened=min(reach.opened, needed(thing, reach.X_WT, gripper)))
-            if room < len(free):
-                return reach, ""
-            spares.setdefault(PUSHING, replace(reach, sure=False))
-        elif room < len(free):
-            spares.setdefault(TIPS if tips else ONE_SIDED, replace(reach, sure=False))
-    return next((spares[kind] for kind in (ONE_SIDED, PUSHING, TIPS) if kind in spares), None), why
+
+    mover: Mover
+    cell: Cell
+    gripper: Gripper
+    thing: SeenThing
+    bin_corners: tuple[Array, Array]
+    floor: float
+    rest: Sequence[Array]
+    attempt: int = 0
+    failed: Sequence[Array] = ()
+    why: str = ""
+    _spares: dict[str, Reach] = field(default_factory=dict)
+    _looked: dict[int | None, Reach | None] = field(default_factory=dict)
+
+    def best(self) -> Reach | None:
+        """Return the best grasp that is reached; None: there is none, see `why`."""
+        return next((reach for room in ROOMS if (reach := self.sure(room)) is not None), None) or self.unsure()
+
+    def sure(self, room: int) -> Reach | None:
+        """Return a grasp whose contacts are seen or guessed, away from the pads' tips, with room of `ROOMS` about it."""
+        if room not in self._looked:
+            self._looked[room] = self._look(self._free[room], room)
+        return self._looked[room]
+
+    def unsure(self) -> Reach | None:
+        """Return what may hold it where nothing is sure, the likeliest: with a side unknown, pushing, by the tips."""
+        for room in ROOMS:
+            self.sure(room)
+        if ONE_SIDED not in self._spares and self.rest and None not in self._looked:
+            beside = in_the_way(*self.bin_corners, yielding_away(self.thing, self.rest))[-1]
+            self._looked[None] = pushing = self._look(beside, None)
+            if pushing is not None:
+                self._spares[PUSHING] = replace(pushing, sure=False)
+        return next((self._spares[kind] for kind in (ONE_SIDED, PUSHING, TIPS) if kind in self._spares), None)
+
+    @cached_property
+    def _free(self) -> list[Array]:
+        return in_the_way(*self.bin_corners, self.rest)
+
+    def _look(self, beside: Array, room: int | None) -> Reach | None:
+        """Return a sure grasp beside points (N, 3), and note others; `room`: of `ROOMS`, None: some are pushed aside."""
+        for opened in TUNING.opened:
+            most = self.gripper.opening_least + opened * (self.gripper.opening_most - self.gripper.opening_least)
+            gripper = replace(self.gripper, opening_most=most)
+            grasps = grasps_of_thing(self.thing, gripper, self.floor, beside, self.attempt)
+            order = downward(grasps)
+            if opened < 1.0:
+                order = order[grasps.approach[order, 2] <= -TUNING.upright]
+            elif self.why != "out of reach" and room is not None:
+                self.why = "out of reach" if len(order) else why_not(self.thing, self.gripper, grasps)
+            reach = reach_of(self.mover, self.cell, grasps, unlike(grasps.poses, order, self.failed), opened=opened)
+            if reach is None:
+                continue
+            reach, tips = replace(reach, roomy=room == ROOMS[0]), bool(by_tips(grasps)[reach.grasp])
+            if grasps.seen[reach.grasp].all() and not tips:
+                return replace(reach, opened=min(reach.opened, needed(self.thing, reach.X_WT, self.gripper)))
+            if room is not None:
+                self._spares.setdefault(TIPS if tips else ONE_SIDED, replace(reach, sure=False))
+        return None
 
 
 def needed(thing: SeenThing, X_WT: Array, gripper: Gripper) -> float:
