@@ -11,6 +11,7 @@ import pytest
 
 from twin_diagram.runs.learning import which_first as tried
 from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.choosing import ASIDE, ONE_SIDED, PUSHING, ROOMY, SURE, TIGHT, TIPS, UNSURE
 from twin_diagram.runs.learning.picking import Reach
 from twin_diagram.runs.learning.which_first import which_first
 
@@ -26,34 +27,38 @@ def square(row: int, height: float) -> SeenThing:
 
 
 class Searched:
-    """What a thing's grasps come to: a sure one (True), with room or without, another (False), or none; and by whom."""
+    """What a thing's grasps come to: a kind, or none; and who was looked at for which."""
 
-    def __init__(self, k: int, sure: bool | None, roomy: bool, looked: list[tuple[int, str]]) -> None:
+    def __init__(self, k: int, kind: str | None, looked: list[tuple[int, str]]) -> None:
+        self._k, self._kind, self._looked = k, kind, looked
+
+    def one(self, kind: str) -> Reach | None:
+        self._looked.append((self._k, kind))
         nowhere = np.zeros((2, 7))
-        self._reach = None if sure is None else Reach(k, np.eye(4), nowhere, nowhere, sure=sure, roomy=roomy)
-        self._k, self._room, self._looked = k, 0 if roomy else 1, looked
-
-    def sure(self, room: int) -> Reach | None:
-        self._looked.append((self._k, "roomy" if room == 0 else "tight"))
-        return self._reach if self._reach is not None and self._reach.sure and room >= self._room else None
-
-    def unsure(self) -> Reach | None:
-        self._looked.append((self._k, "unsure"))
-        return None if self._reach is None or self._reach.sure else self._reach
+        told = Reach(self._k, np.eye(4), nowhere, nowhere, sure=kind in SURE, roomy=kind == ROOMY)
+        return told if kind == self._kind else None
 
     def best(self) -> Reach | None:
-        return self.sure(0) or self.sure(1) or self.unsure()
+        return next((told for kind in (*SURE, *UNSURE) if (told := self.one(kind)) is not None), None)
 
 
 def asked(
-    monkeypatch: pytest.MonkeyPatch, things: list[SeenThing], sure: list[bool | None], roomy: Sequence[bool] = ()
+    monkeypatch: pytest.MonkeyPatch,
+    things: list[SeenThing],
+    sure: Sequence[bool | str | None],
+    roomy: Sequence[bool] = (),
 ) -> tuple[SeenThing, Reach | None, list[tuple[int, str]]]:
-    """Choose among things of which sure grasps, others (False), or none at all are reached; and what was looked for."""
+    """Choose among things of which a sure grasp, one by the tips (False), of a kind, or none is reached.
+
+    Returns the thing, its grasp, and what was looked for of which.
+    """
     looked: list[tuple[int, str]] = []
 
     def choice(tools: Any, thing: SeenThing, others: Sequence[SeenThing]) -> Searched:
         k = next(k for k, one in enumerate(things) if one is thing)
-        return Searched(k, sure[k], roomy[k] if roomy else True, looked)
+        room = roomy[k] if roomy else True
+        kinds = {True: ROOMY if room else TIGHT, False: TIPS}
+        return Searched(k, told if isinstance(told := sure[k], str) else kinds.get(told), looked)  # type: ignore[arg-type]
 
     monkeypatch.setattr(tried, "choice_of", choice)
     monkeypatch.setattr(tried, "lying", lambda *told: things)
@@ -115,7 +120,15 @@ def test_what_is_sure_of_a_low_thing_spares_all_other_searches_for_a_high_one(mo
     """Four things were looked at in every way before the third was taken: two minutes of a busy machine."""
     things = [square(0, 0.1), square(30, 0.06), square(60, 0.05)]
     thing, _, looked = asked(monkeypatch, things, [False, None, True])
-    assert thing is things[2] and looked[:3] == [(0, "roomy"), (1, "roomy"), (2, "roomy")]
+    assert thing is things[2] and looked[:3] == [(0, ROOMY), (1, ROOMY), (2, ROOMY)]
     assert all(k == 2 for k, _ in looked[3:]), "what is chosen alone is asked for once more"
-    *_, looked = asked(monkeypatch, things, [False, False, False])
-    assert [k for k, what in looked if what == "unsure"] == [0, 0], "the others' last resorts are not looked for"
+
+
+def test_where_nothing_is_sure_what_touches_least_goes_first_whichever_thing_it_is_of(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A ring was taken with the palm on the bin's rim, while a bottle left it room over that."""
+    things = [square(0, 0.1), square(30, 0.06), square(60, 0.05)]
+    for kinds, taken in (([PUSHING, ASIDE, None], 1), ([TIPS, None, PUSHING], 2), ([PUSHING, ASIDE, ONE_SIDED], 2)):
+        thing, reach, _ = asked(monkeypatch, things, kinds)
+        assert thing is things[taken] and reach is not None and not reach.sure and reach.grasp == taken

@@ -35,24 +35,32 @@ class Tuning:
 
 
 TUNING = Tuning()
-ROOMS: Final = (0, 1)
-"""Which of `in_the_way`: with room about all of it, then without."""
+ROOMY: Final = "roomy"
+"""A grasp whose contacts are seen or guessed, away from the pads' tips, with room about the hand."""
+TIGHT: Final = "tight"
+"""The same without that room."""
 ONE_SIDED: Final = "one-sided"
-"""A grasp with a side of which nothing is known."""
+"""One with a side of which nothing is known."""
+ASIDE: Final = "aside"
+"""One whose fingers push aside what lies beside the thing; walls and what stays leave the hand room."""
 PUSHING: Final = "pushing"
-"""One whose fingers push aside what lies beside the thing."""
+"""The same without that room: the palm has met a bin's rim."""
 TIPS: Final = "tips"
 """One by the very tips of the pads."""
+SURE: Final = (ROOMY, TIGHT)
+UNSURE: Final = (ONE_SIDED, ASIDE, PUSHING, TIPS)
+"""Kinds of grasps, the best first; of the second row any may hold nothing, or touch what it should not."""
 
 
 @dataclass
 class Choice:
-    """Looks for a grasp of one thing, room by room: each search takes a second or two, and is made once if at all.
+    """Looks for a grasp of one thing, kind by kind: each search takes a second or two, and is made once if at all.
 
     One whose contacts are both seen or guessed goes before one with a side of which nothing is known, and that before
     one by the very tips of the pads, with which more room is bought too dearly; one with room beside the hand before
     one without; then one that is had with fingers opened all the way before others. Where its sides are known they are
-    opened no farther than it asks for. Before tips of pads are tried, fingers may push aside what lies beside it.
+    opened no farther than it asks for. Before tips of pads are tried, fingers may push aside what lies beside it, at
+    first where the palm has room over walls.
 
     Attributes:
         mover: plans.
@@ -78,35 +86,34 @@ class Choice:
     failed: Sequence[Array] = ()
     why: str = ""
     _spares: dict[str, Reach] = field(default_factory=dict)
-    _looked: dict[int | None, Reach | None] = field(default_factory=dict)
+    _looked: dict[str, Reach | None] = field(default_factory=dict)
 
     def best(self) -> Reach | None:
         """Return the best grasp that is reached; None: there is none, see `why`."""
-        return next((reach for room in ROOMS if (reach := self.sure(room)) is not None), None) or self.unsure()
+        return next((reach for kind in (*SURE, *UNSURE) if (reach := self.one(kind)) is not None), None)
 
-    def sure(self, room: int) -> Reach | None:
-        """Return a grasp whose contacts are seen or guessed, away from the pads' tips, with room of `ROOMS` about it."""
-        if room not in self._looked:
-            self._looked[room] = self._look(self._free[room], room)
-        return self._looked[room]
-
-    def unsure(self) -> Reach | None:
-        """Return what may hold it where nothing is sure, the likeliest: with a side unknown, pushing, by the tips."""
-        for room in ROOMS:
-            self.sure(room)
-        if ONE_SIDED not in self._spares and self.rest and None not in self._looked:
-            beside = in_the_way(*self.bin_corners, yielding_away(self.thing, self.rest))[-1]
-            self._looked[None] = pushing = self._look(beside, None)
-            if pushing is not None:
-                self._spares[PUSHING] = replace(pushing, sure=False)
-        return next((self._spares[kind] for kind in (ONE_SIDED, PUSHING, TIPS) if kind in self._spares), None)
+    def one(self, kind: str) -> Reach | None:
+        """Return a grasp of a kind, of `SURE` or `UNSURE`; what is looked for in earlier ones comes on the way."""
+        if kind in (ONE_SIDED, TIPS):
+            for before in SURE:
+                self.one(before)
+            return self._spares.get(kind)
+        if kind not in self._looked:
+            pushed = kind in (ASIDE, PUSHING)
+            beside = self._yielding if pushed else self._free
+            self._looked[kind] = self._look(beside[kind in (TIGHT, PUSHING)], kind) if beside else None
+        return self._looked[kind]
 
     @cached_property
     def _free(self) -> list[Array]:
         return in_the_way(*self.bin_corners, self.rest)
 
-    def _look(self, beside: Array, room: int | None) -> Reach | None:
-        """Return a sure grasp beside points (N, 3), and note others; `room`: of `ROOMS`, None: some are pushed aside."""
+    @cached_property
+    def _yielding(self) -> list[Array]:
+        return in_the_way(*self.bin_corners, yielding_away(self.thing, self.rest)) if self.rest else []
+
+    def _look(self, beside: Array, kind: str) -> Reach | None:
+        """Return a grasp of a kind beside points (N, 3), and note one-sided ones and those by tips."""
         for opened in TUNING.opened:
             most = self.gripper.opening_least + opened * (self.gripper.opening_most - self.gripper.opening_least)
             gripper = replace(self.gripper, opening_most=most)
@@ -114,15 +121,16 @@ class Choice:
             order = downward(grasps)
             if opened < 1.0:
                 order = order[grasps.approach[order, 2] <= -TUNING.upright]
-            elif self.why != "out of reach" and room is not None:
+            elif self.why != "out of reach" and kind in SURE:
                 self.why = "out of reach" if len(order) else why_not(self.thing, self.gripper, grasps)
             reach = reach_of(self.mover, self.cell, grasps, unlike(grasps.poses, order, self.failed), opened=opened)
             if reach is None:
                 continue
-            reach, tips = replace(reach, roomy=room == ROOMS[0]), bool(by_tips(grasps)[reach.grasp])
+            reach, tips = replace(reach, roomy=kind == ROOMY), bool(by_tips(grasps)[reach.grasp])
             if grasps.seen[reach.grasp].all() and not tips:
-                return replace(reach, opened=min(reach.opened, needed(self.thing, reach.X_WT, self.gripper)))
-            if room is not None:
+                enough = min(reach.opened, needed(self.thing, reach.X_WT, self.gripper))
+                return replace(reach, opened=enough, sure=kind in SURE)
+            if kind in SURE:
                 self._spares.setdefault(TIPS if tips else ONE_SIDED, replace(reach, sure=False))
         return None
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
+from itertools import chain, product
 
 from twin_diagram.runs.learning.beside_bin import lying
 from twin_diagram.runs.learning.bin_view import SeenThing, narrowest
 from twin_diagram.runs.learning.cell import Picture
-from twin_diagram.runs.learning.choosing import ROOMS, Choice
+from twin_diagram.runs.learning.choosing import SURE, UNSURE, Choice
 from twin_diagram.runs.learning.handling import Tools, choice_of
 from twin_diagram.runs.learning.in_the_way import TUNING as IN_THE_WAY
 from twin_diagram.runs.learning.in_the_way import covered_share
@@ -20,8 +20,9 @@ def which_first(tools: Tools, picture: Picture, things: Sequence[SeenThing]) -> 
     The highest thing as a rule. Where it can be had only by the pads' very tips, or with a side of which nothing is
     known, a lower one of which a sure grasp is reached goes before it, if nothing lies over that: tries that hold
     nothing push a heap together, and what is free now may no longer be so. For the same reason one for which the hand
-    has room goes before one beside which it may touch others. Where nothing is sure, what is wider than the hand in
-    every direction comes last: it could be had at a raised edge alone, from the side.
+    has room goes before one beside which it may touch others. Where nothing is sure, what touches least and is
+    likeliest to hold goes first, whichever thing it is of; what is wider than the hand in every direction comes last:
+    it could be had at a raised edge alone, from the side.
 
     Args:
         tools: of the cell; the hand is empty.
@@ -38,10 +39,8 @@ def which_first(tools: Tools, picture: Picture, things: Sequence[SeenThing]) -> 
         if thing is things[0] or covered_share(thing, others) < IN_THE_WAY.covered:
             choices.append((thing, choice_of(tools, thing, others)))
     # What is sure of a low thing is found before all that may be of a high one was looked for.
-    for room, (thing, choice) in product(ROOMS, choices):
-        if choice.sure(room) is not None:
-            return thing, choice
-    for thing, choice in choices:
-        if narrowest(thing) <= tools.gripper.opening_most and choice.unsure() is not None:
+    narrow = [(thing, choice) for thing, choice in choices if narrowest(thing) <= tools.gripper.opening_most]
+    for kind, (thing, choice) in chain(product(SURE, choices), product(UNSURE, narrow)):
+        if choice.one(kind) is not None:
             return thing, choice
     return choices[0]
