@@ -48,8 +48,9 @@ PUSHING: Final = "pushing"
 TIPS: Final = "tips"
 """One by the very tips of the pads."""
 SURE: Final = (ROOMY, TIGHT)
+"""Kinds of grasps that hold as a rule, the best first."""
 UNSURE: Final = (ONE_SIDED, ASIDE, PUSHING, TIPS)
-"""Kinds of grasps, the best first; of the second row any may hold nothing, or touch what it should not."""
+"""Kinds that may hold nothing, or touch what they should not, the best first."""
 
 
 @dataclass

@@ -34,15 +34,8 @@ from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runs.learning.steady_picture import refuse_blind, steady_picture
-from twin_diagram.runs.learning.weighing import (
-    Slipping,
-    first_mass,
-    slipped,
-    swing_empty,
-    swing_held,
-    weigh_at_rest,
-    write_swung,
-)
+from twin_diagram.runs.learning.swung_log import slipped, write_swung
+from twin_diagram.runs.learning.weighing import Slipping, first_mass, swing_empty, swing_held, weigh_at_rest
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
 
