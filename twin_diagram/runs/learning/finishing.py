@@ -23,8 +23,9 @@ from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, plain
 from twin_diagram.runs.learning.shape_worker import SHAPE, read_shape
 from twin_diagram.runs.learning.shown_object import ShownObject
+from twin_diagram.runs.learning.swung_log import read_swung
 from twin_diagram.runs.learning.taken_again import note_taken_again
-from twin_diagram.runs.learning.weighing import inertia_of, read_swung
+from twin_diagram.runs.learning.weighing import inertia_of
 from twin_diagram.signals.arrays import Array
 
 
