@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+import tracemalloc
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -136,6 +137,22 @@ def test_questions_are_alike_to_the_bit() -> None:
     other: tuple[Any, ...] = (values[:1], values.astype(np.float32), values + 1e-15, -values, values.ravel())
     assert not any(alike(Picture(1, values), Picture(1, each)) for each in other)
     assert alike((1, b"2"), (1, b"2")) and not alike((1, b"2"), (1, b"3")) and not alike(1, True)
+
+
+def test_images_are_compared_to_the_bit_without_a_copy() -> None:
+    image = np.random.default_rng(0).random((480, 640)).astype(np.float32)
+    image[0, 0], same = np.nan, image.copy()
+    same[0, 0] = np.nan
+    tracemalloc.start()
+    assert alike(Picture(1, image), Picture(1, same))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < image.nbytes / 2
+    for changed in (-same, np.where(same > 0.9999, np.float32(0.0), same)):
+        assert not alike(Picture(1, image), Picture(1, changed))
+    for odd in (np.zeros(0), np.float64(0.0) * np.ones(()), np.ones(3, np.uint8)):
+        assert alike(Picture(1, odd), Picture(1, odd.copy()))
+    assert not alike(Picture(1, np.zeros(2)), Picture(1, -np.zeros(2)))
 
 
 def test_it_ends_with_its_user(caplog: pytest.LogCaptureFixture) -> None:

@@ -15,7 +15,7 @@ from scipy.signal import savgol_filter
 from twin_diagram.estimation.weighing import Shape, WeighingError, crlb
 from twin_diagram.model import Model
 from twin_diagram.runs.learning.record import EVENTS, OBJECTS, STATE, SWUNG
-from twin_diagram.runs.learning.weighing import read_swung
+from twin_diagram.runs.learning.swung_log import read_swung
 from twin_diagram.scenario import Scenario
 
 Array = npt.NDArray[np.float64]

@@ -8,7 +8,7 @@ import trimesh
 
 from tests.assets.building.made_meshes import box, box_inertia, corner, hollow_box, surface_of
 from twin_diagram.assets.building.inertia import Hollow, hull_of, less, outward, solid_of, spread
-from twin_diagram.assets.building.overlap import overlap
+from twin_diagram.assets.building.overlap import _stretches, overlap
 from twin_diagram.assets.building.surface import weld
 from twin_diagram.errors import AssetError
 
@@ -182,3 +182,11 @@ def test_points_are_spread_no_further_than_asked() -> None:
     assert (
         len(points) < 1500 and points[:, 0].min() >= 0 and (points[:, 0] / 0.1 + points[:, 1] / 0.03).max() < 1 + 1e-9
     )
+
+
+def test_a_ray_that_misses_a_triangle_spoils_no_other() -> None:
+    cube = box(0.1, 0.1, 0.1)
+    corners = np.array(cube.vertices)[np.array(cube.faces)]
+    stray = np.array([[[-0.09, -0.05, 0.0], [-0.07, -0.05, 0.0], [-0.08, 0.05, 0.0]]])
+    _, length, bodies, edge = _stretches(np.concatenate([corners, stray]))
+    assert edge.prod() * length.sum() == pytest.approx(1e-3, rel=0.05) and (bodies == 1).all()

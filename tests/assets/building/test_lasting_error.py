@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from tests.assets.building.pictured import Shots, box, cameras, cup, shots
 from twin_diagram.assets.building.depth_view import DepthView, cropped
-from twin_diagram.assets.building.lasting_equations import Nodes
+from twin_diagram.assets.building.lasting_equations import Nodes, Problem
 from twin_diagram.assets.building.lasting_error import LastingError, lasting_error, one_camera
 from twin_diagram.assets.building.view_poses import align, surface_cells
 
@@ -140,3 +140,12 @@ def test_each_point_is_in_the_cell_whose_mean_it_is_part_of() -> None:
     for k in range(len(place)):
         np.testing.assert_allclose(points[cell == k].mean(axis=0), place[k])
     assert np.bincount(cell[cell >= 0]).min() >= 3
+
+
+def test_each_row_is_about_the_node_of_its_largest_share() -> None:
+    rng = np.random.default_rng(0)
+    pixels = np.concatenate([rng.uniform(0, 100, (500, 2)), [[20.0, 20.0], [25.0, 20.0]]])  # on a node, between two
+    B = Nodes.over(pixels, 10.0).interpolation(pixels)[rng.permutation(len(pixels))]
+    none = np.zeros(len(pixels))
+    told = Problem(B, none, none, 0.0, none, B, none.astype(int), B)
+    assert np.array_equal(told.nearest_node(), B.toarray().argmax(axis=1))

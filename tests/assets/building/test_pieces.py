@@ -156,3 +156,9 @@ def test_a_dent_is_as_deep_where_only_some_points_are_asked(monkeypatch: pytest.
     assert whole == pytest.approx(0.019, abs=0.002)
     monkeypatch.setattr(pieces, "TUNING", replace(pieces.TUNING, products=4_000 * len(hull.equations)))
     assert pieces.dent(hull, points) == pytest.approx(whole, abs=0.001)
+
+
+def test_how_far_out_points_are_is_that_of_the_farthest_plane() -> None:
+    rng = np.random.default_rng(2)
+    hull, points = ConvexHull(rng.normal(size=(40, 3))), rng.normal(size=(300, 3))
+    assert pieces.farthest_out(points, hull) == pytest.approx(depth(hull.points, points), abs=1e-12)

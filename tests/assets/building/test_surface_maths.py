@@ -138,3 +138,22 @@ def test_atlas_gives_each_texel_the_point_that_its_coordinates_name() -> None:
         own = {(r, c) for r, c, f in zip(atlas.row, atlas.column, atlas.face, strict=True) if f == face}
         for x, y in pixels:
             assert {(int(y + dy), int(x + dx)) for dy in (-0.4, 0.4) for dx in (-0.4, 0.4)} <= own
+
+
+def test_nothing_more_eager_is_tried_where_the_shape_was_ruined(
+    ball: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fast_simplification
+
+    vertices, faces = ball
+    honest, tried = fast_simplification.simplify, []
+
+    def ruining(points: np.ndarray, triangles: np.ndarray, target_count: int, agg: float) -> object:
+        tried.append(agg)
+        fewer, kept = honest(points, triangles, target_count=target_count, agg=agg)
+        return (fewer * 0.9 if agg > 3 else fewer), kept
+
+    monkeypatch.setattr(fast_simplification, "simplify", ruining)
+    fewer, kept = decimated(vertices, faces, 800)
+    assert tried == [5, 3]
+    assert enclosed_volume(fewer, kept) == pytest.approx(enclosed_volume(vertices, faces), rel=0.01)

@@ -185,6 +185,24 @@ def test_colours_that_no_picture_showed_neither_veto_a_pose_nor_pull_at_it(box: 
         assert told[0][0] == pytest.approx(assess(box.model, view.frame, right, 400).quality[0], abs=0.03)
 
 
+def test_a_side_that_no_picture_showed_is_no_likelier_than_one_that_is_seen(box: Known) -> None:
+    """Paint that fits badly, as fine print does, costs more than made-up colours are taken to cost: those then, too."""
+    thing = standing(box)
+    view = seen([thing])
+    asset = box.model.asset
+    noise = np.random.default_rng(5).normal(0.0, 0.25, asset.colours.shape)
+    faces = asset.normals_O @ (thing.R.T @ (view.frame.camera.p_WC - thing.p)) > 0.0
+    sides = faces & (np.abs(asset.normals_O[:, 2]) < 0.9)
+    other = replace(asset, colours=np.clip(asset.colours + noise, 0.0, 1.0), unpainted=~sides)
+    model = ModelCloud.of(other, 400)
+    both = Poses(thing.R @ np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])]), np.stack([thing.p, thing.p]))
+    seen_sides, other_sides = look(model, view.frame, both, 400, FINE).painted.mean(axis=1)
+    assert seen_sides > 0.4 and other_sides < 0.1
+    votes = colour_costs(model, view.frame, both, 400)
+    shape = compare(model, view.frame, both, view.segments.points_W[::10], FINE)
+    assert votes[1] == pytest.approx(votes[0]) and shape[1] > shape[0] - 1.0
+
+
 def test_where_colours_do_not_tell_a_pose_stays(box: Known) -> None:
     thing = standing(box)
     view = seen([thing], grey=True)
@@ -192,6 +210,23 @@ def test_where_colours_do_not_tell_a_pose_stays(box: Known) -> None:
     left = unmistaken(box, view, one)
     assert left.R is one.R and left.p is one.p
     assert left.odds == TURNED.unsaid
+
+
+@pytest.mark.parametrize("worse", [2.0, -2.0])
+def test_a_pose_gives_way_to_no_turn_that_is_less_likely_once_it_is_registered(
+    box: Known, monkeypatch: pytest.MonkeyPatch, worse: float
+) -> None:
+    thing = standing(box)
+    view = seen([thing])
+    one, count = at(thing, view, box), len(box.model.mistaken)
+    assert count > TURNED.rivals, "one is not registered"
+    laid = np.concatenate([[0.0], np.full(count, -9.0)])
+    monkeypatch.setattr(turned_alike, "colour_costs", lambda *told: laid)
+    monkeypatch.setattr(turned_alike, "_most", lambda *told: np.full(count + 1, np.inf))
+    monkeypatch.setattr(turned_alike, "_worse", lambda *told: np.full(TURNED.rivals, worse))
+    after = weighed(box.model, view, one, -0.5, lambda R, p: replace(one, R=R, p=p))
+    assert (off(after.R, thing.R) < 0.05) == (worse > 0.0)
+    assert after.odds is not None and (after.odds < -TURNED.wrong) == (worse > 0.0), "it is doubted all the same"
 
 
 def test_what_is_turned_back_keeps_its_name(box: Known) -> None:

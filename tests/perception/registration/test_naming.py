@@ -18,7 +18,7 @@ from twin_diagram.perception.registration import naming_evidence
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming import NAMING_SIZE, TUNING, Naming
-from twin_diagram.perception.registration.naming_evidence import is_another, naming
+from twin_diagram.perception.registration.naming_evidence import is_another, naming, told_by_colours
 from twin_diagram.perception.registration.outline import moves
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.rotation import exp
@@ -114,6 +114,21 @@ def test_what_shape_denies_where_colours_speak_is_settled_and_asked_again(
         assert asked == [aside] and found.named == Naming(-4.0, 1), "its colours say nothing: shape has the word"
     else:
         assert asked == [aside, one] and found.named.probability > 0.95 and found.p is one.p
+
+
+def test_colours_that_fit_one_way_round_alone_speak_beside_those_of_which_many_fit(
+    box: Known, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cup 2° off of which colours spoke a little was refused, where none of which they did not would have been."""
+    thing = standing(box, np.ones(3))
+    view = seen(thing, grey=False)
+    one = at(box, thing, view)
+    little = replace(one, likeness=0.5 * one.shape, quality=0.8 * one.shape)
+    monkeypatch.setattr(naming_evidence, "turn_speaks", lambda model, frame, found: 2.5)
+    asked = replace(view, params=replace(PARAMS, told_by_shape=True))
+    assert 0.0 < told_by_colours(box, view, little) < 1.5
+    assert told_by_colours(box, asked, little) == 2.5
+    assert told_by_colours(box, asked, replace(little, likeness=one.shape, quality=one.shape)) == 3.0
 
 
 def test_a_grey_box_is_found_by_its_shape_turned_as_may_be_and_a_stretched_one_is_not(box: Known) -> None:

@@ -185,6 +185,33 @@ def test_what_was_lost_less_than_three_tenths_of_a_second_ago_is_regained(monkey
     np.testing.assert_array_equal(np.flatnonzero(~free), [9, 10, 11])
 
 
+@pytest.mark.parametrize(("angle", "kept"), [(0.5, 4.2), (0.7, 0.0)])
+def test_what_is_found_again_keeps_its_odds_if_it_lies_the_same_way_round(
+    monkeypatch: pytest.MonkeyPatch, angle: float, kept: float
+) -> None:
+    """An image that shows it late says nothing of what those before told of its turns: regained, or challenged."""
+    before: list[float] = []
+    image, own = Image(monkeypatch), slot(odds=4.2)
+    other = pose(R=turn(angle, 0.0, 0.0))
+    monkeypatch.setattr(tracking, "register_around", lambda *_: other)
+
+    def asked(known: Known, view: View, one: RegisteredPose, odds: float = 0.0) -> RegisteredPose:
+        before.append(odds)
+        return one
+
+    monkeypatch.setattr(tracking, "unmistaken", asked)
+    assert tracking.regain_lost([KNOWN], [own], {}, image.view, np.ones(40, dtype=bool))[0] is other
+    found = {0: SimpleNamespace(likeness=9.0, registration=other)}
+    monkeypatch.setattr(tracking, "recognise", lambda *_: found)
+    monkeypatch.setattr(tracking, "label_of", lambda segments, own: 0)
+    monkeypatch.setattr(tracking, "judged", lambda *_: 1.0)
+    monkeypatch.setattr(tracking, "_convincing", lambda *_: True)
+    monkeypatch.setattr(tracking, "with_name", lambda known, view, one: one)
+    monkeypatch.setattr(tracking, "claimed", lambda *_: np.arange(40))
+    assert tracking.challenger(KNOWN, own, pose(), image.view, np.ones(40, dtype=bool)) is not None
+    assert before == [kept, kept]
+
+
 def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of five objects one is followed, one regained, two are searched, of which one is found; one waits its turn."""
     calls: list[Any] = []

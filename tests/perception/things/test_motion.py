@@ -201,3 +201,14 @@ def test_where_the_surface_contradicts_the_edges_it_counts() -> None:
     rows[:, 1:10] = np.tile((0.3 * rows[:, 0])[:, None], (1, 9))
     for one, goes in ((Flow(np.zeros(3), np.eye(3) / 0.02**2), False), (None, True)):
         assert velocity_of(shown, np.zeros(3), segments, one)[0].any() == goes
+
+
+def test_a_velocity_that_nothing_shows_is_no_surer_than_it_was() -> None:
+    nothing, before = ShownMotion(np.zeros((1, 19))), np.array([0.3, -0.1, 0.0])  # an image in which no edge counts
+    segments, variance = Watched(2).segments([standing(TALL, PLACE, 0.3)], []), 0.02
+    for _ in range(6):
+        told, after = velocity_of(nothing, before, segments, doubted=variance)
+        assert 0 < np.linalg.norm(told) < np.linalg.norm(before) and variance < after < 0.1
+        before, variance = told, after
+    still, none = velocity_of(nothing, np.zeros(3), segments)
+    assert not still.any() and none == 0.0

@@ -257,11 +257,22 @@ def test_visits_without_an_answer_are_no_faults_of_robots() -> None:
         (["2026-10-01", "2026-02-01"], "2026-02-01"),
         (["1.10.2026", "02.2.2026"], "02.2.2026"),
         (["2026/10/1", "2026/2/1"], "2026/2/1"),
+        (["2026-10-1", "2026-2-1"], "2026-2-1"),
+        (["2026-10-01", "2026-2-1", "3.2.2026"], "2026-2-1"),
         (["10", "9"], "9"),
         (["10/1/2026", "2/1/2026"], "10/1/2026"),
         (["2026-10-01T08:00+01:00", "2026-02-01"], "2026-10-01T08:00+01:00"),
     ],
-    ids=["ISO", "with dots", "with slashes, year first", "numbers", "one of two days: as in the table", "mixed"],
+    ids=[
+        "ISO",
+        "with dots",
+        "with slashes, year first",
+        "no leading zeros",
+        "days in three ways",
+        "numbers",
+        "one of two days: as in the table",
+        "mixed",
+    ],
 )
 def test_the_first_day_is_the_first_of_dates_of_one_kind(dates: list[str], first: str) -> None:
     """They were sorted as text, by which October comes before February."""

@@ -93,11 +93,11 @@ def test_what_lies_on_the_table_is_taken_from_there_and_not_tipped_up(monkeypatc
     picture, stood, asked = taken(IN_BIN, BESIDE), dict[str, tuple[int, float]](), list[Any]()
     inside, beside = lying(picture, LEARNING, FACES, NO_ARM)
 
-    def choose(mover: Any, cell: Any, gripper: Any, one: SeenThing, corners: Any, floor: float, *rest: Any) -> Any:
+    def choice(mover: Any, cell: Any, gripper: Any, one: SeenThing, corners: Any, floor: float, *rest: Any) -> Any:
         asked.append((one, floor, len(rest[0])))
-        return None, "out of reach"
+        return SimpleNamespace(best=lambda: None, why="out of reach")
 
-    monkeypatch.setattr(handling, "choose", choose)
+    monkeypatch.setattr(handling, "Choice", choice)
     mover = SimpleNamespace(stand=lambda where, clouds, support: stood.update({where: (len(clouds), support)}))
     tools: Any = SimpleNamespace(learning=LEARNING, mover=mover, gripper=None, cell=None, faces=FACES, robot=NO_ARM)
     assert handling.pick(tools, beside, picture, 0, []).why == "out of reach"

@@ -30,9 +30,13 @@ def all_reached(
     )
 
 
-def choose(thing: SeenThing) -> tuple[Reach | None, str]:
-    gripper = gripper_of("wsg50")
-    return choosing.choose(cast(Mover, NOBODY), cast(Cell, NOBODY), gripper, thing, (LOW, HIGH), LOW[2], [], 0, [])
+def choice_of(thing: SeenThing, rest: Sequence[np.ndarray] = ()) -> choosing.Choice:
+    nobody = cast(Mover, NOBODY), cast(Cell, NOBODY)
+    return choosing.Choice(*nobody, gripper_of("wsg50"), thing, (LOW, HIGH), float(LOW[2]), rest)
+
+
+def choose(thing: SeenThing) -> Reach | None:
+    return choice_of(thing).best()
 
 
 def beside_the_wall(distance: float) -> SeenThing:
@@ -46,8 +50,8 @@ def test_fingers_are_opened_no_farther_than_a_thing_asks_for(monkeypatch: pytest
     """A bottle's neighbour was touched by a finger 5 cm away from the bottle, that was open all the way."""
     monkeypatch.setattr(choosing, "reach_of", all_reached)
     thing, gripper = beside_the_wall(0.10), gripper_of("wsg50")
-    reach, why = choose(thing)
-    assert reach is not None and reach.sure and not why
+    reach = choose(thing)
+    assert reach is not None and reach.sure
     opening = gripper.opening_least + reach.opened * (gripper.opening_most - gripper.opening_least)
     aside = np.abs((thing.points - reach.X_WT[:3, 3]) @ reach.X_WT[:3, 1]).max()
     assert 2.0 * aside + 0.015 < opening < 0.08, "room beside it on both sides, and 3.5 cm less than all the way"
@@ -68,9 +72,7 @@ def test_fingers_push_aside_what_leaves_them_no_room_but_not_what_the_palm_would
     thing = beside_the_wall(0.16)
 
     def chosen(gap: float, height: float) -> Reach | None:
-        gripper, rest = gripper_of("wsg50"), between(thing, gap, height)
-        nobody = cast(Mover, NOBODY), cast(Cell, NOBODY)
-        return choosing.choose(*nobody, gripper, thing, (LOW, HIGH), LOW[2], rest, 0, [])[0]
+        return choice_of(thing, between(thing, gap, height)).best()
 
     top = thing.top
     apart, close, over = chosen(0.035, top - 0.005), chosen(0.006, top - 0.005), chosen(0.006, top + 0.06)
@@ -95,7 +97,7 @@ def test_what_is_beyond_a_finger_does_not_open_it_farther() -> None:
 
 def test_beside_a_wall_they_are_opened_less(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choosing, "reach_of", all_reached)
-    reach, _ = choose(beside_the_wall(0.028))
+    reach = choose(beside_the_wall(0.028))
     assert reach is not None and reach.opened < 1.0
     gripper = gripper_of("wsg50")
     most = gripper.opening_least + reach.opened * (gripper.opening_most - gripper.opening_least)
@@ -117,8 +119,8 @@ def test_room_beside_the_fingers_is_not_bought_with_a_grasp_by_their_tips(monkey
     given = iter([offer for offer in offers for _ in choosing.TUNING.opened])
     monkeypatch.setattr(choosing, "reach_of", all_reached)
     monkeypatch.setattr(choosing, "grasps_of_thing", lambda *told: next(given))
-    reach, _ = choose(beside_the_wall(0.10))
+    reach = choose(beside_the_wall(0.10))
     assert reach is not None and reach.X_WT[2, 3] == 0.050 and reach.opened == 1.0 and not reach.sure
     given = iter(offers[:1] * 2 * len(choosing.TUNING.opened))
-    reach, _ = choose(beside_the_wall(0.10))
+    reach = choose(beside_the_wall(0.10))
     assert reach is not None and reach.X_WT[2, 3] == 0.071 and not reach.sure, "where nothing else is to be had"

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.planning.grasps.brute_force import box_triangles
+from twin_diagram.assets import Asset
+from twin_diagram.assets.building import backends
 from twin_diagram.assets.building.backends import ColouredSurface
 from twin_diagram.assets.building.measured import MeasuredInertia
 from twin_diagram.assets.mesh import read_obj
 from twin_diagram.planning.grasps.known_object import read_known
+from twin_diagram.runs.learning import shape_worker
 from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.finishing import figures_of, write_learned
 from twin_diagram.runs.learning.record import plain
+from twin_diagram.runs.learning.shape_worker import make_shape, read_shape
 from twin_diagram.runs.learning.shown_object import ShownObject
 
 MIDDLE = np.array([0.02, -0.03, 0.15])
@@ -77,3 +82,29 @@ def test_what_was_not_swung_has_its_centre_where_its_weight_was_felt(tmp_path: P
     at = -R_WS.T @ told["p_OS"]
     assert at[:2] == pytest.approx(felt.mean[:2], abs=2e-4) and at[2] == pytest.approx(centre_S[2], abs=1e-4)
     assert told["by"]["centre"] == "partly" and sorted(told["centre_std"])[1] == pytest.approx(1e-3)
+
+
+def test_what_no_picture_showed_is_marked_in_the_asset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Colours of what a finger hid are made up: they are marked from the atlas to `cloud.npz`, by way of the disk."""
+    corners = box_triangles(0.06, 0.04, 0.1)
+    hidden = (corners[:, :, 2] < 0.0).all(axis=1)
+    uv = np.where(hidden[:, None, None], [0.25, 0.5], [0.75, 0.5]) * np.ones((1, 3, 1))
+    blank = np.zeros((8, 8, 3), np.uint8)
+    blank[:, :4] = 255
+    found = SimpleNamespace(
+        views=[],
+        vertices=corners.reshape(-1, 3),
+        faces=np.arange(3 * len(corners)).reshape(-1, 3),
+        unseen=0.1,
+        noise=0.0,
+    )
+    monkeypatch.setattr(backends, "reconstruct", lambda *told, **more: found)
+    monkeypatch.setattr(backends, "lay_out", lambda count: SimpleNamespace(uv=uv))
+    monkeypatch.setattr(backends, "textured", lambda *told: (np.full((8, 8, 3), 200, np.uint8), blank))
+    monkeypatch.setattr(shape_worker, "TransformsFolder", lambda folder: SimpleNamespace(hands=()))
+    make_shape(tmp_path)
+    write_learned("box", tmp_path, read_shape(tmp_path), np.eye(3), None)
+    asset = Asset.load(tmp_path / "box")
+    assert asset.unpainted is not None
+    bottom = asset.normals_O[:, 2] < -0.9
+    assert asset.unpainted[bottom].mean() > 0.95 and asset.unpainted[~bottom].mean() < 0.05

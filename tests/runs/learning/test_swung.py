@@ -26,17 +26,8 @@ from twin_diagram.runs.learning.cell import TUNING as CELL
 from twin_diagram.runs.learning.cell import Cell, Recording
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.shown_object import ShownObject
-from twin_diagram.runs.learning.weighing import (
-    Slipping,
-    Swung,
-    first_mass,
-    grip_on,
-    read_swung,
-    share_of,
-    slipped,
-    swing,
-    write_swung,
-)
+from twin_diagram.runs.learning.swung_log import Swung, read_swung, slipped, way_slipped, write_swung
+from twin_diagram.runs.learning.weighing import Slipping, first_mass, grip_on, share_of, swing
 from twin_diagram.signals.arrays import Array
 
 
@@ -46,7 +37,7 @@ def swung() -> Swung:
     log = Log(0.005 * np.arange(20), ("a", "b"), q, velocity=v, torque=tau, source="loaded")
     X_TS = np.eye(4)
     X_TS[:3, :3], X_TS[:3, 3] = Rotation.from_rotvec([0.3, 0.0, 0.1]).as_matrix(), [0.0, 0.01, 0.05]
-    return Swung(log, {"left": -0.02, "right": 0.02}, X_TS)
+    return Swung(log, {"left": -0.02, "right": 0.02}, X_TS, way=np.linspace(-1.0, 1.0, 20) ** 3)
 
 
 def test_what_was_swung_comes_back(tmp_path: Path) -> None:
@@ -54,6 +45,9 @@ def test_what_was_swung_comes_back(tmp_path: Path) -> None:
     write_swung(tmp_path / "swung.npz", sent)
     back = read_swung(tmp_path / "swung.npz")
     assert back.fingers == sent.fingers and back.slip == sent.slip and (back.X_TS == sent.X_TS).all()
+    assert back.way is not None and sent.way is not None and (back.way == sent.way).all()
+    write_swung(tmp_path / "swung.npz", replace(sent, way=None))
+    assert read_swung(tmp_path / "swung.npz").way is None
     assert (back.log.position == sent.log.position).all() and back.log.joints == ("a", "b")
     assert back.log.torque is not None and sent.log.torque is not None and (back.log.torque == sent.log.torque).all()
 
@@ -70,6 +64,17 @@ def test_what_crept_is_in_the_middle_of_its_way() -> None:
     assert half == pytest.approx([0.0, 0.02, 0.0], abs=1e-12)
     still = slipped(before, before.X_TS)
     assert still.X_TS == pytest.approx(before.X_TS) and still.slip == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_fingers_tell_when_what_they_hold_slipped() -> None:
+    """As a bottle's did, which turned by 2° all at once: in by 0.21 mm, back to 0.17."""
+    time, rng = np.arange(0.0, 10.0, 0.0025), np.random.default_rng(0)
+    opening = 0.0643 + 2e-6 * rng.normal(size=len(time))
+    opening -= np.interp(time, [2.8, 3.0, 3.3], [0.0, 2.1e-4, 1.7e-4])
+    way = way_slipped(np.array([-0.3, 1.0, 2.7, 3.1, 6.0, 10.3]), np.column_stack([time, opening]))
+    assert way == pytest.approx([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0], abs=0.1)
+    still = np.column_stack([time, 0.0643 + 2e-6 * rng.normal(size=len(time))])
+    assert way_slipped(time, still) is None, "what slides between flat sides does not move them"
 
 
 def drum(axis: Array, radius: float) -> Array:
@@ -109,7 +114,7 @@ class Hand:
     """A cell whose fingers come together from some time on while the arm swings."""
 
     def __init__(self, turns: float) -> None:
-        self._turns, self.opening, self.braked = turns, 0.045, False
+        self._turns, self.opening, self.braked, self.time = turns, 0.045, False, 0.0
 
     @contextmanager
     def recording(self) -> Iterator[Recording]:
@@ -125,7 +130,7 @@ class Hand:
 
     def follow(self, times: Array, q: Array, at: Any) -> None:
         for now in times:
-            self.opening = 0.045 - 0.002 * max(0.0, now - self._turns)
+            self.time, self.opening = float(now), 0.045 - 0.002 * max(0.0, now - self._turns)
             at(now)
 
     def brake(self) -> None:
@@ -135,13 +140,14 @@ class Hand:
 def test_what_turns_between_the_fingers_is_swung_no_further() -> None:
     motion: Any = SimpleNamespace(harmonics=SimpleNamespace(period=1.0), at=lambda times: (np.zeros((len(times), 2)),))
     calm, turning = Hand(2.0), Hand(0.5)
-    swing(calm, motion, ("a", "b"), "loaded")  # type: ignore[arg-type]
-    assert not calm.braked
+    noted = list[tuple[float, float]]()
+    swing(calm, motion, ("a", "b"), "loaded", noted)  # type: ignore[arg-type]
+    assert not calm.braked and noted[0] == (0.0, 0.045) and len(noted) == 401
     with pytest.raises(Slipping, match="turns between the fingers"):
-        swing(turning, motion, ("a", "b"), "loaded")  # type: ignore[arg-type]
+        swing(turning, motion, ("a", "b"), "loaded", [])  # type: ignore[arg-type]
     assert turning.braked and turning.opening == pytest.approx(0.0445, abs=2e-5), "a quarter of a second later"
     bare = Hand(0.5)
-    swing(bare, motion, ("a", "b"), "empty", held=False)  # type: ignore[arg-type]
+    swing(bare, motion, ("a", "b"), "empty")  # type: ignore[arg-type]
     assert not bare.braked, "in an empty hand nothing turns: fingers that give way by 1 mm end no run"
 
 
@@ -217,11 +223,18 @@ def test_what_has_no_room_about_one_posture_is_swung_about_another(monkeypatch: 
 
     monkeypatch.setattr(weighing, "best_motion", motion)
     monkeypatch.setattr(weighing, "go", lambda cell, way: None)
-    monkeypatch.setattr(weighing, "swing", lambda cell, motion, joints, source: swung().log)
+
+    def swing_(cell: Any, motion: Any, joints: Any, source: str, noted: list[tuple[float, float]]) -> Log:
+        noted += [(0.0, 0.06), (0.05, 0.06), (0.051, 0.0598), (0.1, 0.0598)]
+        return swung().log
+
+    monkeypatch.setattr(weighing, "swing", swing_)
     told: Any = (np.eye(4), np.zeros((1, 3)), np.zeros(3), 10.0, 1.0)
     model: Any = SimpleNamespace(joints=("a",))
     clear_at = 2
-    assert weighing.swing_held(model, mover, cell, *told)[1].posture[0] == tried[1] == pytest.approx(0.8)
+    held, about = weighing.swing_held(model, mover, cell, *told)
+    assert about.posture[0] == tried[1] == pytest.approx(0.8)
+    assert held.way is not None and (held.way[0], held.way[-1]) == (-1.0, 1.0), "by the fingers, where it slipped"
     tried.clear()
     clear_at = 9
     with pytest.raises(NotClear, match="posture 1"):  # what is told is of where it would be swung by right

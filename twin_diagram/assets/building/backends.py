@@ -29,6 +29,7 @@ class ColouredSurface:
         texture: (h, w, 3).
         unseen: share of the surface that no picture shows.
         noise: standard deviation of depth on it, as found [m].
+        blank: as the texture, white where no picture showed the surface: colours are made up there; None: nowhere.
     """
 
     corners: Array
@@ -36,6 +37,7 @@ class ColouredSurface:
     texture: Image
     unseen: float
     noise: float
+    blank: Image | None = None
 
 
 class ShapeBackend(Protocol):
@@ -67,7 +69,6 @@ class TsdfBackend:
         hands = frames.hands if isinstance(frames, TransformsFolder) else ()
         found = reconstruct(frames, where, self.seed, say, held=self.held, hands=hands)
         atlas = lay_out(len(found.faces))
-        picture, _ = textured(found.views, found.vertices, found.faces, atlas)
-        return ColouredSurface(
-            np.asarray(found.vertices)[found.faces], atlas.uv, picture, float(found.unseen), float(found.noise)
-        )
+        picture, blank = textured(found.views, found.vertices, found.faces, atlas)
+        corners = np.asarray(found.vertices)[found.faces]
+        return ColouredSurface(corners, atlas.uv, picture, float(found.unseen), float(found.noise), blank)

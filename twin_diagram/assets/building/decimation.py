@@ -74,7 +74,10 @@ def _decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces
 
     centre, size = vertices.mean(axis=0), np.ptp(vertices, axis=0).max()
     closed, volume = is_closed(faces), enclosed_volume(vertices, faces)
+    gentler = np.inf
     for eagerness in TUNING.eagerness:
+        if eagerness >= gentler:
+            continue
         points, triangles = fast_simplification.simplify(
             (vertices - centre) / size, faces.astype(np.int32), target_count=target, agg=eagerness
         )
@@ -82,7 +85,10 @@ def _decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces
         if closed:
             kept = unfolded(_welded(found)[kept])
             off = abs(enclosed_volume(found, kept) / volume - 1) if len(kept) else 1.0
-            if not is_closed(kept) or off > TUNING.volume_off or len(kept) > 2 * target:
+            if off > TUNING.volume_off:
+                gentler = eagerness  # what ruins the shape does so the more, the more eager it is
+                continue
+            if not is_closed(kept) or len(kept) > 2 * target:
                 continue
         used, kept = np.unique(kept, return_inverse=True)
         return found[used], kept.reshape(-1, 3)

@@ -168,6 +168,11 @@ class Problem:
     view: npt.NDArray[np.int64]
     B: sparse.csr_matrix
 
+    def nearest_node(self) -> npt.NDArray[np.int64]:
+        """Return the node (rows,) with the largest share in each row; there are four in each, by growing number."""
+        share, node = self.B.data.reshape(-1, 4), self.B.indices.reshape(-1, 4)
+        return np.asarray(np.take_along_axis(node, share.argmax(axis=1)[:, None], axis=1)[:, 0], dtype=np.int64)
+
     def cell_weight(self) -> Array:
         """Return the sum of weights (cells,) in each cell."""
         return np.asarray(np.maximum(self.member @ self.weight, 1e-12))
@@ -263,7 +268,7 @@ def alike(told: Problem, nodes: Nodes, left: Array | None = None) -> float:
         nodes: one bin of the picture about each.
         left: (rows,) of `left_of`, whose means scatter more within bins than those of independent points do.
     """
-    bins = told.view * nodes.size + np.asarray(told.B.argmax(axis=1)).ravel()
+    bins = told.view * nodes.size + told.nearest_node()
     count = np.bincount(bins)
     some = count >= TUNING.enough
     if not some.any():

@@ -139,7 +139,9 @@ def _stretches(corners: Array) -> tuple[Array, Array, Array, Array]:
     edge = size / count
     ray, at, way = _crossings(corners, low + TUNING.aside * edge, edge, count)
     order = np.lexsort((at, ray))
-    ray, at, bodies = ray[order], at[order], np.abs(np.cumsum(way[order]))
+    ray, at, total = ray[order], at[order], np.r_[0.0, np.cumsum(way[order])]
+    # A ray that just touches an edge may miss what it meets there: that is not to count in the rays after it.
+    bodies = np.abs(total[1:] - total[np.searchsorted(ray, ray)])
     inside = (bodies[:-1] > 0.5) & (ray[1:] == ray[:-1])
     a, b, ray = at[:-1][inside], at[1:][inside], ray[:-1][inside]
     middle = low + (np.stack([ray // count[1], ray % count[1]], axis=1) + 0.5) * edge

@@ -98,6 +98,8 @@ def pieces_of(vertices: Array, faces: Faces, volume: float) -> Pieces:
     points = spread(vertices[faces], TUNING.step * size)
     if len(points) > TUNING.many:  # of long thin triangles there are a hundred where one would do
         points = np.concatenate([vertices, thinned(points, TUNING.step * size / 4)])
+    else:  # each corner came once a triangle: six times
+        points = np.unique(points, axis=0)
     allowed = float(np.clip(TUNING.dent * size, TUNING.least_dent, TUNING.most_dent))
     full = volume >= TUNING.full * hull.volume
     if full or (dent(hull, points) <= allowed and hollow(hull, vertices[faces]) <= TUNING.hollow):
@@ -192,10 +194,19 @@ def simplified(hull: ConvexHull) -> Array:
 def holding(pieces: list[Array], points: Array) -> list[Array]:
     """Return the pieces, each grown by those of the points that lie outside of all of them and nearest to it."""
     hulls = [ConvexHull(piece) for piece in pieces]
-    beyond = np.stack([(points @ h.equations[:, :3].T + h.equations[:, 3]).max(axis=1) for h in hulls])
+    beyond = np.stack([farthest_out(points, h) for h in hulls])
     nearest, outside = beyond.argmin(axis=0), beyond.min(axis=0) > 0
     grown = [ConvexHull(np.concatenate([piece, points[outside & (nearest == k)]])) for k, piece in enumerate(pieces)]
     return [simplified(hull) for hull in grown]
+
+
+def farthest_out(points: Array, hull: ConvexHull) -> Array:
+    """Return how far points (N, 3) lie beyond the plane of a hull's that each is farthest beyond [m].
+
+    Within the hull it is negative. Plane by plane: numbers that lie side by side are compared the fastest.
+    """
+    planes = np.unique(hull.equations, axis=0)
+    return np.asarray((planes[:, :3] @ points.T + planes[:, 3:]).max(axis=0))
 
 
 def _taken_apart(vertices: Array, faces: Faces) -> list[Array]:

@@ -104,7 +104,8 @@ def textured(
     for k, view in enumerate(views):
         if view.rgb is None:
             continue
-        here = np.flatnonzero((best[:, atlas.face] == k).any(axis=0) & (value[k, atlas.face] > 0))
+        chosen = (best == k).any(axis=0) & (value[k] > 0)
+        here = np.flatnonzero(chosen[atlas.face])
         u, v, _ = view.colour.project(points[here])
         _, _, inside = nearest_pixels(u, v, view.rgb.shape)
         here, u, v = here[inside], u[inside], v[inside]

@@ -56,15 +56,20 @@ class LoadedRun:
             more seldom, torques jump with them, and messages taken at the same rate show only one side of the jumps.
         X_TO: the object's frame O in the tool frame, all the time; a matrix (4, 4) is made one of Drake's.
         fingers: positions of joints outside the arm by name [m], [rad]; those not named are as described.
+        way: (N,) where the object was at each sample of the log, from -1 to 1, on the way that it crept or slipped in
+            the hand, whose middle X_TO is; None: it crept steadily.
     """
 
     log: Log
     X_TO: RigidTransform
     fingers: Mapping[str, float] = field(default_factory=dict)
+    way: Array | None = None
 
     def __post_init__(self) -> None:
         """Take a matrix for a pose; refuse what is none."""
         object.__setattr__(self, "X_TO", as_pose(self.X_TO))
+        if self.way is not None and np.shape(self.way) != (len(self.log),):
+            raise WeighingError(f"way: {np.shape(self.way)} numbers for a log of {len(self.log)} samples")
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,7 @@ class TorqueRun:
         beside: (K, m, len(COLUMNS)).
         Y_hand: (K, m, 10) per unit of the hand's own parameters in M.
         held: where the object is; None: nothing is held.
+        way: (K,) see `LoadedRun`.
     """
 
     name: str
@@ -100,6 +106,7 @@ class TorqueRun:
     Y_hand: Array
     Y_lagging: Array
     held: Held | None
+    way: Array
 
 
 def read_run(model: Model, run: LoadedRun | EmptyRun, delay: float = 0.0) -> TorqueRun:
@@ -141,8 +148,7 @@ def read_run(model: Model, run: LoadedRun | EmptyRun, delay: float = 0.0) -> Tor
 
     arm, Y_hand = rigid(v)
     earlier = rigid(v - TUNING.step * a)
-    direction = np.tanh(v[:, rows] / TUNING.slow)
-    fading = np.exp(-((v[:, rows] / TUNING.stribeck) ** 2))
+    direction, fading = np.tanh(v[:, rows] / TUNING.slow), np.exp(-((v[:, rows] / TUNING.stribeck) ** 2))
     beside = [np.ones_like(arm), v[:, rows], direction, direction * fading, direction * np.abs(arm), a[:, rows]]
     rate = 1.0 / regular.period
     kept = np.flatnonzero(inner(time))[:: max(1, int(rate / TUNING.rate))]
@@ -161,7 +167,15 @@ def read_run(model: Model, run: LoadedRun | EmptyRun, delay: float = 0.0) -> Tor
         below(Y_hand.reshape(len(time), -1)).reshape(len(kept), len(rows), 10),
         below(((earlier[1] - Y_hand) / TUNING.step).reshape(len(time), -1)).reshape(len(kept), len(rows), 10),
         held if isinstance(run, LoadedRun) else None,
+        _way_at(run, time[kept]),
     )
+
+
+def _way_at(run: LoadedRun | EmptyRun, time: Array) -> Array:
+    """Return where on its way the object was at some times (K,) [s], see `LoadedRun`; steadily where nobody knows."""
+    if isinstance(run, EmptyRun) or run.way is None:
+        return np.linspace(-1.0, 1.0, len(time))
+    return np.asarray(np.interp(time, run.log.time, run.way))
 
 
 def hand_change(model: Model, fingers: Mapping[str, float]) -> Array:

@@ -41,7 +41,7 @@ class ArmDoubt:
         hand: mass [kg], first moment [kg·m] and inertia [kg·m²] of the hand.
         pose: of the object in the hand: along [m] and about [rad] each axis; in each run of its own.
         mass: by what an object seems heavier or lighter than it is [kg].
-        creep: by how much it moves steadily in the hand from a run's begin to its end [m], [rad].
+        creep: by how much it moves in the hand from a run's begin to its end, along `LoadedRun.way` [m], [rad].
     """
 
     gain: float = 0.02
@@ -212,7 +212,7 @@ def _design(runs: Sequence[TorqueRun], k: int, gain: Array, parameters: Array, l
         if run.held is not None:
             grasp = sum(earlier.held is not None for earlier in runs[:k])
             off, first = Y @ turned, layout.pose + 12 * grasp
-            A[j, :, first : first + 12] = np.hstack([off, np.linspace(-1.0, 1.0, samples)[:, None] * off])
+            A[j, :, first : first + 12] = np.hstack([off, run.way[:, None] * off])
             A[j, :, -10:] = Y @ to_hand
     # (1 + γ)(arm + Yφ) ≈ arm + γ (arm + Yφ₀) + (1 + γ₀) Yφ − γ₀ Yφ₀
     shift = gain * (rigid - run.arm)

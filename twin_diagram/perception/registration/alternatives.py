@@ -81,8 +81,11 @@ class Tuning:
     """Deviation of a colour [of 1]."""
 
     unpainted: float = 1.2
-    """Square of that of a point whose colour no picture showed: what one that is right is off in the mean (half-hidden
-    ketchup bottle, D435, training seed 101000)."""
+    """Square of that of a point whose colour no picture showed, at least: what one that is right is off in the mean
+    (half-hidden ketchup bottle, D435, training seed 101000); what others of the first pose are, if that is more, …"""
+
+    known: float = 0.3
+    """… and these are more than this share of what is in place."""
 
     fewest: float = 4.0
     """So many points share one vote at least: a cloud leaves out what lies between its points, and so do few pixels."""
@@ -178,13 +181,30 @@ def costs(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array, looked
     # How well each fits is the image's points' to say: those are the same at all poses, the model's are not.
     placed = in_place(looked, frame)
     colour = np.minimum(colours_off(looked, frame, looked.facing * placed, level) / TUNING.colour, TUNING.cut)
-    each = np.where(placed, 0.25 * np.where(looked.painted, colour**2, TUNING.unpainted), 0.0)
+    each = np.where(placed, 0.25 * np.where(looked.painted, colour**2, _unpainted(looked, placed, colour)), 0.0)
     hidden = looked.seen & ~placed & (looked.deeper < 0) & ~looked.buried
     behind = looked.seen & ~placed & ~hidden
     each = each + 0.5 * TUNING.cut**2 * behind + TUNING.hidden * hidden
     shown = (looked.facing * looked.counted).clip(0.0)
     total = (each * shown).sum(axis=1) / np.maximum(shown.sum(axis=1), 1e-9) * looked.counted.sum(axis=1)
     return np.asarray(total + _unexplained(model, frame, poses, points_W) * looked.counted.sum(axis=1))
+
+
+def _unpainted(looked: Looked, placed: npt.NDArray[np.bool_], colour: Array) -> float:
+    """Return the square of how far colours that no picture showed count as off: as others of the first pose are.
+
+    Args:
+        looked: up at poses.
+        placed: (B, P) which points are in place.
+        colour: (B, P) by how many deviations colours are off.
+    """
+    if not looked.coloured or looked.painted[0].all():
+        return TUNING.unpainted
+    shown = looked.facing[0].clip(0.0) * placed[0]
+    known = shown * looked.painted[0]
+    if known.sum() <= TUNING.known * shown.sum():
+        return TUNING.unpainted
+    return max(TUNING.unpainted, float(known @ colour[0] ** 2 / known.sum()))
 
 
 def _unexplained(model: ModelCloud, frame: Frame, poses: Poses, points_W: Array) -> Array:

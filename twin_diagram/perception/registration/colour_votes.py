@@ -47,8 +47,9 @@ class Tuning:
     """A deviation larger than this is a reflection's or another thing's: it costs no more."""
 
     unpainted: float = 0.85
-    """Cost of a point whose colour no picture showed: what one that is right costs in the mean (half-hidden ketchup
-    bottle, D435, training seed 101000)."""
+    """Least cost of a point whose colour no picture showed: what one that is right costs in the mean (half-hidden
+    ketchup bottle, D435, training seed 101000). Fine paint costs more: then it is what others of the first pose cost,
+    or else a side that no picture showed is likelier than one that is seen (half-hidden box, 101029, by 10 to 18)."""
 
     pixels: float = 85.0
     """So many pixels share one vote, since what is blurred and shifted errs alike: then odds are as often right as they
@@ -82,8 +83,17 @@ def colour_costs(model: ModelCloud, frame: Frame, poses: Poses, points: int) -> 
         found = frame.plain_colour_at(looked.u, looked.v, FINE)
         gain = brightness(found, looked.colour, looked.n, weight * looked.painted)
     law = ColourLaw(TUNING.bright, TUNING.colour, (TUNING.off / TUNING.colour) ** 2, TUNING.cut, TUNING.unpainted)
+    if looked.coloured and not looked.painted.all():
+        law = law._replace(unpainted=max(law.unpainted, _usual(looked, found, gain, weight, law)))
     mean_misses(looked.told, (one_layout(found), gain, weight), law, (mean, shown))
     return np.where(shown < TUNING.least * shown[0], TUNING.never, mean * pixel_votes(model, frame, looked, shown[0]))
+
+
+def _usual(looked: Looked, found: Array, gain: Array, weight: Array, law: ColourLaw) -> float:
+    """Return what a point costs in the mean at the first of poses, of those whose colours are known; 0: of too few."""
+    known, (mean, shown) = weight[:1] * looked.painted[:1], np.empty((2, 1))
+    mean_misses(looked.told[:1], (one_layout(found[:1]), gain[:1], known), law, (mean, shown))
+    return float(mean[0]) if shown[0] > TUNING.least * weight[0].sum() else 0.0
 
 
 def pixel_votes(model: ModelCloud, frame: Frame, looked: Looked, shown: float) -> float:

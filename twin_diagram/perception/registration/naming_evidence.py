@@ -121,7 +121,9 @@ def colours_speak(known: Known, one: RegisteredPose) -> float:
 def told_by_colours(known: Known, view: View, one: RegisteredPose) -> float:
     """Return by how much colours speak for a thing's name: as many fit, or they fit this way round alone [nat]."""
     spoken = colours_speak(known, one)
-    return turn_speaks(known.model, view.frame, one) if spoken <= 0.0 and view.params.told_by_shape else spoken
+    if spoken >= TUNING.colours[1] or not view.params.told_by_shape:
+        return spoken
+    return max(spoken, turn_speaks(known.model, view.frame, one))
 
 
 def passes(evidence: ShapeEvidence, shape: float) -> bool:

@@ -21,6 +21,7 @@ from twin_diagram.perception.registration.registration import RegisteredPose, cl
 from twin_diagram.perception.registration.shape_search import coloured_after_all, search_by_shape
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
 from twin_diagram.perception.registration.slots import Slot, carried, measurement, postponed, seen
+from twin_diagram.perception.registration.turned_alike import odds_kept
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.registration.where_expected import (
@@ -198,7 +199,7 @@ def regain_lost(
         if not slot.known or k in found or segments.time - slot.seen > SLOTS.coast:
             continue
         if (result := register_around(known, slot, view, free)) is not None:
-            regained[k] = unmistaken(known, view, result)
+            regained[k] = unmistaken(known, view, result, odds_kept(slot.odds, slot.R, result.R))
             free[claimed(known.model, segments, result.R, result.p, EXPECTED.owned)] = False
     return regained
 
@@ -377,7 +378,8 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
         return None
     if not _convincing(known, slot, view, found.registration):
         return None
-    return unmistaken(known, view, replace(with_name(known, view, found.registration), by_shape=slot.by_shape))
+    other = replace(with_name(known, view, found.registration), by_shape=slot.by_shape)
+    return unmistaken(known, view, other, odds_kept(slot.odds, one.R, other.R))
 
 
 def register_around(known: Known, slot: Slot, view: View, free: Mask) -> RegisteredPose | None:

@@ -132,7 +132,8 @@ def weighed(model: ModelCloud, view: View, one: RegisteredPose, before: float, a
             return replace(others[best], odds=before)
         told = min(told, float(worse[far_off].min(initial=np.inf)))
         odds = after_image(before, told)
-        if odds <= -TUNING.wrong and far_off[best]:
+        # Odds fall by turns that were not registered, too: those may be likelier as they are laid alone.
+        if odds <= -TUNING.wrong and far_off[best] and worse[best] < 0.0:
             return replace(others[best], odds=min(-odds, TUNING.most))
     return replace(one, odds=after_image(before, told))
 
@@ -154,6 +155,11 @@ def after_image(before: float, told: float) -> float:
     if before < TUNING.tells:
         return before + TUNING.newest * (max(told, -TUNING.most) - before)
     return before + TUNING.back * min(told, 0.0)
+
+
+def odds_kept(odds: float, R: Array, other: Array) -> float:
+    """Return the odds of a pose turned as R (3, 3), of what was found anew as `other` (3, 3): even another way."""
+    return odds if turned(other, R) <= TUNING.other else 0.0
 
 
 def probability(odds: float) -> float:

@@ -248,9 +248,9 @@ def timed(slot: Remembered, own: Indices, segments: Segments) -> Remembered:
     motion = shown_again(slot.motion, own, segments)
     rows = slot.motion.rows
     recent = len(rows) > 0 and segments.time - rows[-1, 0] <= COAST
-    before = slot.thing.velocity if recent else np.zeros(3)
+    before, doubted = (slot.thing.velocity, slot.thing.velocity_variance) if recent else (np.zeros(3), 0.0)
     surface = flow_since(slot.motion.views, own, segments, before) if recent else None
-    velocity, variance = velocity_of(motion, before, segments, surface)
+    velocity, variance = velocity_of(motion, before, segments, surface, doubted)
     status = slot.thing.status
     if velocity.any() and status == ObjectStatus.TRACKED:
         status = ObjectStatus.MOVING

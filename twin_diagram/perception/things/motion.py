@@ -164,7 +164,7 @@ def shown_again(motion: ShownMotion, own: npt.NDArray[np.int64], segments: Segme
 
 
 def velocity_of(
-    motion: ShownMotion, before: Array, segments: Segments, surface: Flow | None = None
+    motion: ShownMotion, before: Array, segments: Segments, surface: Flow | None = None, doubted: float = 0.0
 ) -> tuple[Array, float]:
     """Return (3,) how fast a thing moves in W [m/s], and the variance of a coordinate of that [m²/s²].
 
@@ -173,8 +173,9 @@ def velocity_of(
         before: (3,) what it was taken to be.
         segments: of the newest image.
         surface: what that tells; None: nothing.
+        doubted: variance of a coordinate of `before` [m²/s²].
     """
-    told, variance, doubt = _of_edges(motion, before, segments)
+    told, variance, doubt = _of_edges(motion, before, segments, doubted)
     if surface is None:
         return told, variance
     off = surface.velocity - told
@@ -191,10 +192,11 @@ def velocity_of(
     return both, float(np.linalg.eigvalsh(covariance)[-1])
 
 
-def _of_edges(motion: ShownMotion, before: Array, segments: Segments) -> tuple[Array, float, Array]:
+def _of_edges(motion: ShownMotion, before: Array, segments: Segments, doubted: float) -> tuple[Array, float, Array]:
     """Return what a thing's middle and edges tell: velocity (3,), the variance of a coordinate, and variances (3,).
 
     Those, along `axes_of`, are what is left of it where they may not tell the truth: they are as wrong as they differ.
+    Where no edge shows, the velocity is as doubtful as before, and more so by what is forgotten of it.
     """
     axes, rows = axes_of(segments), motion.rows
     slopes, variances, counts = _slopes(motion)
@@ -215,7 +217,9 @@ def _of_edges(motion: ShownMotion, before: Array, segments: Segments) -> tuple[A
     if known.any() and float((least[known] ** 2 / spread[known]).sum()) <= TUNING.sure:
         told[:] = 0.0
     passed = float(rows[-1, 0] - rows[-2, 0]) if len(rows) > 1 else TUNING.window
-    told[~known] = (axes @ before)[~known] * np.exp(-passed / TUNING.fade)
+    was = (axes @ before)[~known]
+    told[~known] = was * np.exp(-passed / TUNING.fade)
+    spread[~known] = doubted + (was - told[~known]) ** 2
     return axes.T @ told, float(spread.max()), doubt
 
 

@@ -16,13 +16,8 @@ COLUMNS = ("robot", "date", "verdict", "effects", "headline", "left", "seconds")
 UNANSWERED = ("failed", "timeout")
 """Verdicts of visits whose logs tell nothing of the robot: a file that lacks is no fault of an arm."""
 
-READINGS: tuple[Callable[[str], Any], ...] = (
-    float,
-    datetime.fromisoformat,
-    lambda text: datetime.strptime(text, "%Y/%m/%d"),
-    lambda text: datetime.strptime(text, "%d.%m.%Y"),
-)
-"""How dates are written where that says which is first; 3/4/2026 is one day here and another there."""
+DAYS = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y")
+"""How days are written, besides ISO 8601, where that says which is first; 3/4/2026 is this day here, that one there."""
 
 STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:70rem;padding:0 1rem;color:#1d2733}"
@@ -54,18 +49,32 @@ def table(lines: Sequence[VisitResult]) -> str:
 
 
 def by_day(lines: Sequence[VisitResult]) -> list[VisitResult]:
-    """Return visits as they came: by dates or numbers of one kind, else as they stand in the table."""
+    """Return visits as they came: by days, or by numbers, else as they stand in the table."""
     return sorted_by_day(lines)[0]
 
 
 def sorted_by_day(lines: Sequence[VisitResult]) -> tuple[list[VisitResult], bool]:
     """Return visits as they came, and whether their dates say so; if not, they are as they stand in the table."""
-    for read in READINGS:
+    readings: tuple[Callable[[str], Any], ...] = (float, _day)
+    for read in readings:
         try:
             return sorted(lines, key=lambda line: read(line.date)), True
         except (ValueError, TypeError):  # another kind; with and without a time zone
             continue
     return list(lines), False
+
+
+def _day(text: str) -> datetime:
+    """Return a day, as ISO 8601 or one of `DAYS` has it; ValueError: neither."""
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        for form in DAYS:
+            try:
+                return datetime.strptime(text, form)
+            except ValueError:
+                continue
+        raise
 
 
 def first_days(lines: Sequence[VisitResult]) -> list[tuple[str, str, str]]:

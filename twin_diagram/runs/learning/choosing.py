@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -35,33 +35,35 @@ class Tuning:
 
 
 TUNING = Tuning()
+ROOMY: Final = "roomy"
+"""A grasp whose contacts are seen or guessed, away from the pads' tips, with room about the hand."""
+TIGHT: Final = "tight"
+"""The same without that room."""
 ONE_SIDED: Final = "one-sided"
-"""A grasp with a side of which nothing is known."""
+"""One with a side of which nothing is known."""
+ASIDE: Final = "aside"
+"""One whose fingers push aside what lies beside the thing; walls and what stays leave the hand room."""
 PUSHING: Final = "pushing"
-"""One whose fingers push aside what lies beside the thing."""
+"""The same without that room: the palm has met a bin's rim."""
 TIPS: Final = "tips"
 """One by the very tips of the pads."""
+SURE: Final = (ROOMY, TIGHT)
+"""Kinds of grasps that hold as a rule, the best first."""
+UNSURE: Final = (ONE_SIDED, ASIDE, PUSHING, TIPS)
+"""Kinds that may hold nothing, or touch what they should not, the best first."""
 
 
-def choose(
-    mover: Mover,
-    cell: Cell,
-    gripper: Gripper,
-    thing: SeenThing,
-    bin_corners: tuple[Array, Array],
-    floor: float,
-    rest: Sequence[Array],
-    attempt: int,
-    failed: Sequence[Array],
-) -> tuple[Reach | None, str]:
-    """Return a grasp of a thing that is reached, or why there is none.
+@dataclass
+class Choice:
+    """Looks for a grasp of one thing, kind by kind: each search takes a second or two, and is made once if at all.
 
     One whose contacts are both seen or guessed goes before one with a side of which nothing is known, and that before
     one by the very tips of the pads, with which more room is bought too dearly; one with room beside the hand before
     one without; then one that is had with fingers opened all the way before others. Where its sides are known they are
-    opened no farther than it asks for. Before tips of pads are tried, fingers may push aside what lies beside it.
+    opened no farther than it asks for. Before tips of pads are tried, fingers may push aside what lies beside it, at
+    first where the palm has room over walls.
 
-    Args:
+    Attributes:
         mover: plans.
         cell: where the arm is.
         gripper: that takes it.
@@ -71,30 +73,67 @@ def choose(
         rest: points (N, 3) of each thing beside it.
         attempt: number of the try, from 0.
         failed: (4, 4) poses of the tool at which it held nothing.
+        why: why there is none, as far as was looked.
     """
-    spares, why = dict[str, Reach](), ""
-    free = in_the_way(*bin_corners, rest)
-    pushed = in_the_way(*bin_corners, yielding_away(thing, rest))[-1:] if rest else []
-    for (room, beside), opened in product(enumerate(free + pushed), TUNING.opened):
-        most = gripper.opening_least + opened * (gripper.opening_most - gripper.opening_least)
-        grasps = grasps_of_thing(thing, replace(gripper, opening_most=most), floor, beside, attempt)
-        order = downward(grasps)
-        if opened < 1.0:
-            order = order[grasps.approach[order, 2] <= -TUNING.upright]
-        elif why != "out of reach" and room < len(free):
-            why = "out of reach" if len(order) else why_not(thing, gripper, grasps)
-        reach = reach_of(mover, cell, grasps, unlike(grasps.poses, order, failed), opened=opened)
-        if reach is None:
-            continue
-        reach, tips = replace(reach, roomy=room == 0), bool(by_tips(grasps)[reach.grasp])
-        if grasps.seen[reach.grasp].all() and not tips:
-            reach = replace(reach, opened=min(reach.opened, needed(thing, reach.X_WT, gripper)))
-            if room < len(free):
-                return reach, ""
-            spares.setdefault(PUSHING, replace(reach, sure=False))
-        elif room < len(free):
-            spares.setdefault(TIPS if tips else ONE_SIDED, replace(reach, sure=False))
-    return next((spares[kind] for kind in (ONE_SIDED, PUSHING, TIPS) if kind in spares), None), why
+
+    mover: Mover
+    cell: Cell
+    gripper: Gripper
+    thing: SeenThing
+    bin_corners: tuple[Array, Array]
+    floor: float
+    rest: Sequence[Array]
+    attempt: int = 0
+    failed: Sequence[Array] = ()
+    why: str = ""
+    _spares: dict[str, Reach] = field(default_factory=dict)
+    _looked: dict[str, Reach | None] = field(default_factory=dict)
+
+    def best(self) -> Reach | None:
+        """Return the best grasp that is reached; None: there is none, see `why`."""
+        return next((reach for kind in (*SURE, *UNSURE) if (reach := self.one(kind)) is not None), None)
+
+    def one(self, kind: str) -> Reach | None:
+        """Return a grasp of a kind, of `SURE` or `UNSURE`; what is looked for in earlier ones comes on the way."""
+        if kind in (ONE_SIDED, TIPS):
+            for before in SURE:
+                self.one(before)
+            return self._spares.get(kind)
+        if kind not in self._looked:
+            pushed = kind in (ASIDE, PUSHING)
+            beside = self._yielding if pushed else self._free
+            self._looked[kind] = self._look(beside[kind in (TIGHT, PUSHING)], kind) if beside else None
+        return self._looked[kind]
+
+    @cached_property
+    def _free(self) -> list[Array]:
+        return in_the_way(*self.bin_corners, self.rest)
+
+    @cached_property
+    def _yielding(self) -> list[Array]:
+        return in_the_way(*self.bin_corners, yielding_away(self.thing, self.rest)) if self.rest else []
+
+    def _look(self, beside: Array, kind: str) -> Reach | None:
+        """Return a grasp of a kind beside points (N, 3), and note one-sided ones and those by tips."""
+        for opened in TUNING.opened:
+            most = self.gripper.opening_least + opened * (self.gripper.opening_most - self.gripper.opening_least)
+            gripper = replace(self.gripper, opening_most=most)
+            grasps = grasps_of_thing(self.thing, gripper, self.floor, beside, self.attempt)
+            order = downward(grasps)
+            if opened < 1.0:
+                order = order[grasps.approach[order, 2] <= -TUNING.upright]
+            elif self.why != "out of reach" and kind in SURE:
+                self.why = "out of reach" if len(order) else why_not(self.thing, self.gripper, grasps)
+            reach = reach_of(self.mover, self.cell, grasps, unlike(grasps.poses, order, self.failed), opened=opened)
+            if reach is None:
+                continue
+            reach, tips = replace(reach, roomy=kind == ROOMY), bool(by_tips(grasps)[reach.grasp])
+            if grasps.seen[reach.grasp].all() and not tips:
+                enough = min(reach.opened, needed(self.thing, reach.X_WT, self.gripper))
+                return replace(reach, opened=enough, sure=kind in SURE)
+            if kind in SURE:
+                self._spares.setdefault(TIPS if tips else ONE_SIDED, replace(reach, sure=False))
+        return None
 
 
 def needed(thing: SeenThing, X_WT: Array, gripper: Gripper) -> float:

@@ -23,8 +23,9 @@ from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, plain
 from twin_diagram.runs.learning.shape_worker import SHAPE, read_shape
 from twin_diagram.runs.learning.shown_object import ShownObject
+from twin_diagram.runs.learning.swung_log import read_swung
 from twin_diagram.runs.learning.taken_again import note_taken_again
-from twin_diagram.runs.learning.weighing import inertia_of, read_swung
+from twin_diagram.runs.learning.weighing import inertia_of
 from twin_diagram.signals.arrays import Array
 
 
@@ -115,8 +116,9 @@ def write_learned(
     told = AssetPlace(name, library, replace_it=True, measured=own)
     moments, axes = np.linalg.eigh(own.inertia)
     moments_std = own.turned(axes.T).inertia_std[:3]
-    notes = [f"{100 * shape.unseen:.0f} % of the surface was never seen"]
-    built = build_from_triangles(corners, shape.uv, shape.texture, told, name, unseen=shape.unseen, notes=notes)
+    unseen, blank = shape.unseen, shape.blank
+    notes = [f"{100 * unseen:.0f} % of the surface was never seen"]
+    built = build_from_triangles(corners, shape.uv, shape.texture, told, name, unseen=unseen, notes=notes, blank=blank)
     return {
         "mass": own.mass,
         "mass_std": own.mass_std if np.isfinite(own.mass_std) else None,
@@ -128,7 +130,7 @@ def write_learned(
         "by": own.by,
         "volume": built.volume,
         "size": built.size,
-        "unseen": shape.unseen,
+        "unseen": unseen,
         "noise": shape.noise,
         "asset_notes": [note for note in built.notes if note not in notes],
         # X_OS as rows: the frame of the pictures in the asset's.

@@ -20,7 +20,7 @@ from twin_diagram.runs.learning.beside_bin import lying, stand_about, stand_abou
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
-from twin_diagram.runs.learning.choosing import choose
+from twin_diagram.runs.learning.choosing import Choice
 from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of
 from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
 from twin_diagram.runs.learning.felt_weight import Centre, Felt, centre_felt
@@ -28,21 +28,14 @@ from twin_diagram.runs.learning.following import Followed, cover, follow, follow
 from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
-from twin_diagram.runs.learning.picking import Reach, go, lift_over, take
+from twin_diagram.runs.learning.picking import go, lift_over, take
 from twin_diagram.runs.learning.record import SWUNG, LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runs.learning.steady_picture import refuse_blind, steady_picture
-from twin_diagram.runs.learning.weighing import (
-    Slipping,
-    first_mass,
-    slipped,
-    swing_empty,
-    swing_held,
-    weigh_at_rest,
-    write_swung,
-)
+from twin_diagram.runs.learning.swung_log import slipped, write_swung
+from twin_diagram.runs.learning.weighing import Slipping, first_mass, swing_empty, swing_held, weigh_at_rest
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
 
@@ -135,19 +128,19 @@ def go_home(tools: Tools) -> None:
         go(tools.cell, tools.mover.timed(tools.mover.path(tools.cell.commanded, tools.home[None])))
 
 
-def grasp_of(
+def choice_of(
     tools: Tools, thing: SeenThing, others: Sequence[SeenThing], attempt: int = 0, failed: Sequence[Array] = ()
-) -> tuple[Reach | None, str]:
-    """Return the best grasp of a thing that is reached, or why there is none; arguments as in `pick`."""
+) -> Choice:
+    """Return what looks for a grasp of a thing that is reached; arguments as in `pick`."""
     corners = np.array(tools.learning.from_bin[0]), np.array(tools.learning.from_bin[1])
     rest = [other.points for other in others] + upright_points(tools.faces, thing)
     stand_about(tools.mover, tools.learning, [thing, *others])
     floor = support_of(thing, tools.learning) + TUNING.floor
-    return choose(tools.mover, tools.cell, tools.gripper, thing, corners, floor, rest, attempt, failed)
+    return Choice(tools.mover, tools.cell, tools.gripper, thing, corners, floor, rest, attempt, failed)
 
 
 def pick(
-    tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed: list[Array], known: Reach | None = None
+    tools: Tools, thing: SeenThing, picture: Picture, attempt: int, failed: list[Array], known: Choice | None = None
 ) -> Picked:
     """Try to take a thing once: the best grasp that is reached, one unlike those that failed before others.
 
@@ -157,13 +150,13 @@ def pick(
         picture: in which it was seen; all else in it is in the way, also what was given up.
         attempt: number of the try, from 0.
         failed: (4, 4) poses of the tool at which it held nothing.
-        known: that grasp, where it was looked for before; None: it is looked for now.
+        known: what looked for that grasp before; None: it is looked for now.
     """
     around, high = lying(picture, tools.learning, tools.faces, tools.robot), tools.learning.from_bin[1][2]
     others = [other for other in around if (other.middle != thing.middle).any()]
-    reach, why = (known, "") if known is not None else grasp_of(tools, thing, others, attempt, failed)
-    if reach is None:
-        return Picked(thing, why=why_barred(why, thing, others))
+    choice = known or choice_of(tools, thing, others, attempt, failed)
+    if (reach := choice.best()) is None:
+        return Picked(thing, why=why_barred(choice.why, thing, others))
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return Picked(thing, why="the fingers held nothing", failed=reach.X_WT)

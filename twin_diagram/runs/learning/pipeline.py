@@ -17,6 +17,7 @@ from twin_diagram.runs.learning import handling, picking
 from twin_diagram.runs.learning.bin_view import SeenThing, narrowest, save_picture
 from twin_diagram.runs.learning.camera_check import correct_cameras
 from twin_diagram.runs.learning.cell import Picture
+from twin_diagram.runs.learning.choosing import Choice
 from twin_diagram.runs.learning.coverage import asks_for_more
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
@@ -130,8 +131,8 @@ class Learner:
         self.record.save(self.state)
         write_gallery(self.record, self.state)
 
-    def _next(self) -> tuple[Picture, SeenThing, picking.Reach | None] | None:
-        """Return a picture of the bin, what is to be taken next, and a grasp of it; None: nothing is left."""
+    def _next(self) -> tuple[Picture, SeenThing, Choice] | None:
+        """Return a picture of the bin, what is to be taken next, and the choice of a grasp; None: nothing is left."""
         if self.state.finished:
             return None
         handling.keep_clear(self.tools, self._standing())  # a run that goes on begins over the last one put away
@@ -144,8 +145,8 @@ class Learner:
         self._left = len(things)
         return (picture, *which_first(self.tools, picture, things)) if things else None
 
-    def _handle(self, picture: Picture, thing: SeenThing, known: picking.Reach | None) -> None:
-        """Try to take a thing, at first in a known grasp, and do with it all that is to be done."""
+    def _handle(self, picture: Picture, thing: SeenThing, known: Choice) -> None:
+        """Try to take a thing, at first as was chosen, and do with it all that is to be done."""
         name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
         picked, failed = Picked(thing), list[Array]()
         for attempt in range(self.tools.learning.tries):
@@ -153,8 +154,8 @@ class Learner:
                 picked = handling.pick(self.tools, thing, picture, attempt, failed, None if attempt else known)
                 told["outcome"] = "taken" if picked.taken else picked.why
                 failed += [] if picked.failed is None else [picked.failed]
-            if picked.taken is not None:
-                break
+            if picked.taken is not None or (attempt and picked.failed is None):
+                break  # of what two searches leave no grasp a third one does hardly either
             picture, things = handling.look_into_bin(self.tools, self.state.given_up)
             thing = min(things, key=lambda one: float(np.linalg.norm(one.middle - thing.middle)), default=thing)
             if not things:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import sys
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -35,13 +35,11 @@ def make_shape(folder: Path, backend: ShapeBackend | None = None) -> ColouredSur
     backend = TsdfBackend() if backend is None else backend
     shape = backend.shape(TransformsFolder(folder / FRAMES), folder.name, lambda text: print(text, flush=True))
     data = io.BytesIO()
-    np.savez(
-        data,
-        corners=shape.corners,
-        uv=shape.uv,
-        texture=shape.texture,
-        told=np.array([shape.unseen, shape.noise]),
-    )
+    told = np.array([shape.unseen, shape.noise])
+    arrays: dict[str, Any] = {"corners": shape.corners, "uv": shape.uv, "texture": shape.texture, "told": told}
+    if shape.blank is not None:
+        arrays["blank"] = shape.blank
+    np.savez(data, **arrays)
     atomic_file.write(folder / SHAPE, data.getvalue())
     return shape
 
@@ -50,7 +48,8 @@ def read_shape(folder: Path) -> ColouredSurface:
     """Return the shape that was made in a folder."""
     with np.load(folder / SHAPE, allow_pickle=False) as data:
         told = data["told"]
-        return ColouredSurface(data["corners"], data["uv"], data["texture"], float(told[0]), float(told[1]))
+        blank = data["blank"] if "blank" in data else None
+        return ColouredSurface(data["corners"], data["uv"], data["texture"], float(told[0]), float(told[1]), blank)
 
 
 def main(folder: Path) -> int:

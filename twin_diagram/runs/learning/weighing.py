@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
-from scipy.spatial.transform import Rotation
 
 from twin_diagram.assets.building.backends import ColouredSurface
 from twin_diagram.assets.building.measured import MeasuredInertia
@@ -33,7 +30,7 @@ from twin_diagram.runs.learning.cell import Cell, Recording
 from twin_diagram.runs.learning.motion import Mover, NoWay
 from twin_diagram.runs.learning.picking import go
 from twin_diagram.runs.learning.swing_room import first_with_room, goals_for_swinging
-from twin_diagram.runtime import atomic_file
+from twin_diagram.runs.learning.swung_log import Swung, way_slipped
 from twin_diagram.signals.arrays import Array
 
 
@@ -108,24 +105,6 @@ TUNING = Tuning()
 
 class Slipping(WeighingError):
     """What is held turns in the hand while it is swung."""
-
-
-@dataclass(frozen=True)
-class Swung:
-    """A log of the swinging arm, and what was in the hand.
-
-    Attributes:
-        log: the arm's messages.
-        fingers: where they stood, by the names of their joints [m].
-        X_TS: (4, 4) of the object's frame S in the tool, in the middle of the way that it slipped meanwhile; the
-            identity where the hand was empty.
-        slip: by how much it slipped from the begin to the end [m], [rad].
-    """
-
-    log: Log
-    fingers: dict[str, float]
-    X_TS: Array
-    slip: tuple[float, float] = (0.0, 0.0)
 
 
 def weigh_at_rest(model: Model, mover: Mover, cell: Cell) -> float:
@@ -247,7 +226,9 @@ def swing_held(
 
     motion = first_with_room(mover, cell.commanded, search)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
-    return Swung(swing(cell, motion, driven.joints, "loaded"), cell.fingers, X_TS), motion
+    noted = list[tuple[float, float]]()
+    log = swing(cell, motion, driven.joints, "loaded", noted)
+    return Swung(log, cell.fingers, X_TS, way=way_slipped(log.time, np.array(noted))), motion
 
 
 def swing_empty(model: Model, mover: Mover, cell: Cell, motion: Excitation, opening: float) -> Swung:
@@ -258,12 +239,14 @@ def swing_empty(model: Model, mover: Mover, cell: Cell, motion: Excitation, open
     """
     cell.grip(opening / cell.widest)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
-    swung = Swung(swing(cell, motion, model.joints, "empty", held=False), cell.fingers, np.eye(4))
+    swung = Swung(swing(cell, motion, model.joints, "empty"), cell.fingers, np.eye(4))
     cell.grip(1.0)
     return swung
 
 
-def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str, *, held: bool = True) -> Log:
+def swing(
+    cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str, noted: list[tuple[float, float]] | None = None
+) -> Log:
     """Go along a motion and return the arm's messages on the way.
 
     Args:
@@ -271,7 +254,8 @@ def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str, 
         motion: along which.
         joints: names of the arm's.
         source: what the log is called.
-        held: whether the fingers hold something, which may turn between them.
+        noted: takes times, and the fingers' opening then [s], [m], where they hold something, which may turn between
+            them; None: they hold nothing.
 
     Raises:
         Slipping: the fingers come nearer to each other, or are pushed apart: what they hold turns. The arm is at rest.
@@ -284,7 +268,10 @@ def swing(cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str, 
     opening = cell.opening
 
     def watch(now: float) -> None:
-        if held and abs(cell.opening - opening) > TUNING.turning:
+        if noted is None:
+            return
+        noted.append((cell.time, cell.opening))
+        if abs(noted[-1][1] - opening) > TUNING.turning:
             raise Slipping("it turns between the fingers when it is swung; grip elsewhere")
 
     with cell.recording() as messages:
@@ -328,53 +315,6 @@ def first_mass(model: Model, cell: Cell) -> float:
     return float(np.clip(lever @ off / max(float(lever @ lever), 1e-9), 0.05, TUNING.heaviest))
 
 
-def write_swung(path: Path, swung: Swung) -> None:
-    """Write a log, whole."""
-    data = io.BytesIO()
-    log = swung.log
-    assert log.velocity is not None and log.torque is not None
-    np.savez(
-        data,
-        time=log.time,
-        position=log.position,
-        velocity=log.velocity,
-        torque=log.torque,
-        joints=np.array(log.joints),
-        finger_names=np.array(list(swung.fingers)),
-        fingers=np.array(list(swung.fingers.values())),
-        X_TS=swung.X_TS,
-        slip=np.array(swung.slip),
-    )
-    atomic_file.write(path, data.getvalue())
-
-
-def read_swung(path: Path) -> Swung:
-    """Return the inverse of `write_swung`."""
-    with np.load(path, allow_pickle=False) as data:
-        joints = tuple(str(name) for name in data["joints"])
-        fingers = dict(zip((str(name) for name in data["finger_names"]), data["fingers"].tolist(), strict=True))
-        log = Log(
-            data["time"],
-            joints,
-            data["position"],
-            velocity=data["velocity"],
-            torque=data["torque"],
-            source=f"{path.parent.name}/{path.name}",
-        )
-        slip = data["slip"] if "slip" in data.files else np.zeros(2)
-        return Swung(log, fingers, data["X_TS"], (float(slip[0]), float(slip[1])))
-
-
-def slipped(swung: Swung, X_TS: Array) -> Swung:
-    """Return what was swung with where the object was found in the tool (4, 4) afterwards."""
-    turn = Rotation.from_matrix(swung.X_TS[:3, :3].T @ X_TS[:3, :3]).as_rotvec()
-    middle = np.eye(4)
-    middle[:3, :3] = swung.X_TS[:3, :3] @ Rotation.from_rotvec(0.5 * turn).as_matrix()
-    middle[:3, 3] = 0.5 * (swung.X_TS[:3, 3] + X_TS[:3, 3])
-    way = float(np.linalg.norm(X_TS[:3, 3] - swung.X_TS[:3, 3]))
-    return replace(swung, X_TS=middle, slip=(way, float(np.linalg.norm(turn))))
-
-
 def inertia_of(model: Model, swung: Swung, empty: Swung | None, surface: ColouredSurface) -> MeasuredInertia:
     """Return what torques and shape say of an object's inertia, in S.
 
@@ -384,7 +324,7 @@ def inertia_of(model: Model, swung: Swung, empty: Swung | None, surface: Coloure
     vertices = surface.corners.reshape(-1, 3)
     faces = np.arange(len(vertices)).reshape(-1, 3)
     prior = ShapePrior(Shape.of_mesh(vertices, faces))
-    loaded = LoadedRun(swung.log, RigidTransform(swung.X_TS), swung.fingers)
+    loaded = LoadedRun(swung.log, RigidTransform(swung.X_TS), swung.fingers, swung.way)
     runs = [] if empty is None else [EmptyRun(empty.log, empty.fingers)]
     doubt = ArmDoubt.of_side("link" if model.arm.link_side else "motor")
     p, r = np.hypot(doubt.pose, TUNING.slipping * np.array(swung.slip)).tolist()
