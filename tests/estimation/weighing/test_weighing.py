@@ -76,6 +76,16 @@ def test_gains_that_are_taken_for_right_spoil_the_moments(
     assert np.max(np.abs(found.moments / moments - 1.0)) > 0.03
 
 
+def displaced(
+    log: Log, model: Model, excitation: Excitation, X_TO: RigidTransform, way: np.ndarray, change: np.ndarray
+) -> Log:
+    """The log of an object whose parameters (10) about the tool are off by the change times the way (N,)."""
+    _, (q, v, a) = excitation.sampled(200.0)
+    extra = way[:, None] * (Held.in_tool(model, X_TO).regressor(model, q, v, a) @ change)
+    assert log.torque is not None
+    return replace(log, torque=log.torque + (1.0 + GAIN) * extra)
+
+
 def test_what_creeps_in_the_hand_is_found_where_that_is_told(
     both: tuple[Log, Log],
     iiwa_link: Model,
@@ -86,12 +96,10 @@ def test_what_creeps_in_the_hand_is_found_where_that_is_told(
 ) -> None:
     """By 6 mm and 1.7° in all, evenly."""
     moments = np.linalg.eigvalsh(about_centre(off_centre)[2])
-    _, (q, v, a) = excitation.sampled(200.0)
-    way = np.linspace(-1.0, 1.0, len(q))[:, None]
-    crept = by_pose(off_centre) @ [0.002, -0.001, 0.002, 0.01, 0.01, -0.005]
-    extra = way * (Held.in_tool(iiwa_link, X_TO).regressor(iiwa_link, q, v, a) @ crept)
-    assert both[0].torque is not None
-    moved = replace(both[0], torque=both[0].torque + (1.0 + GAIN) * extra)
+    steps = np.array([0.002, -0.001, 0.002, 0.01, 0.01, -0.005])
+    moved = displaced(
+        both[0], iiwa_link, excitation, X_TO, np.linspace(-1.0, 1.0, len(both[0])), by_pose(off_centre) @ steps
+    )
     off = []
     for creep in ((0.0, 0.0), (0.006, 0.03)):
         runs = [LoadedRun(moved, X_TO)], [EmptyRun(both[1])]
@@ -110,12 +118,9 @@ def test_what_slips_all_at_once_is_found_where_it_is_told_when(
 ) -> None:
     """By 3 mm and 1.7° a quarter of the time after the begin, as a bottle did; taken for steady it spoils moments."""
     moments = np.linalg.eigvalsh(about_centre(off_centre)[2])
-    _, (q, v, a) = excitation.sampled(200.0)
-    way = np.where(np.arange(len(q)) < 0.27 * len(q), -1.0, 1.0)
-    slipped = by_pose(off_centre) @ [0.001, -0.0005, 0.001, 0.01, 0.01, -0.005]
-    extra = way[:, None] * (Held.in_tool(iiwa_link, X_TO).regressor(iiwa_link, q, v, a) @ slipped)
-    assert both[0].torque is not None
-    moved = replace(both[0], torque=both[0].torque + (1.0 + GAIN) * extra)
+    way = np.where(np.arange(len(both[0])) < 0.27 * len(both[0]), -1.0, 1.0)
+    steps = np.array([0.001, -0.0005, 0.001, 0.01, 0.01, -0.005])
+    moved = displaced(both[0], iiwa_link, excitation, X_TO, way, by_pose(off_centre) @ steps)
     off = []
     for told in (way, None):
         runs = [LoadedRun(moved, X_TO, way=told)], [EmptyRun(both[1])]
