@@ -183,6 +183,19 @@ class Guide:
         """Return way points (W, n) that take the tool straight to a goal (7,) near by; W = 0: see `straight_line`."""
         return straight_line.straight_way(self.scene.chain, q, _pose(goal), self.scene.lower, self.scene.upper)
 
+    def line(self, q: Array, goal: Array, forecast: Forecast) -> tuple[Array, bool, bool]:
+        """Return way points (W, n) as `straight_way` does, whether they are free, and whether what bars them passes.
+
+        It does where they are free of all that does not move.
+        """
+        points = self.straight_way(q, goal)
+        if not len(points):
+            return points, False, False
+        if self.router.follows(points, self.situation(q, forecast, points[-1:])):
+            return points, True, False
+        still = replace(forecast, present=forecast.present & ~forecast.moving)
+        return points, False, self.router.follows(points, self.situation(q, still, points[-1:]))
+
     def why_no_way(self, q: Array, forecast: Forecast, goals: Array) -> Hindrance:
         """Return why no way leads from an arm that is at (n,) to joint goals (G, n), when none does; G may be zero."""
         now = self.situation(q, forecast, goals)
