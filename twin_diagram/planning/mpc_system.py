@@ -20,7 +20,7 @@ from twin_diagram.planning.collision.collision_scene import holders, load_scene,
 from twin_diagram.planning.collision.held_shape import at_rest, obstacles_beside
 from twin_diagram.planning.given import check_kinds, check_planner
 from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload
-from twin_diagram.planning.mpc.asking_ahead import going_on
+from twin_diagram.planning.mpc.asking_ahead import NOWHERE, Onward, going_on
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
@@ -186,7 +186,7 @@ class Mpc(ModelUser[Model]):
         self.DeclareVectorOutputPort("plan", self._knots * n, self._calc_plan, prerequisites_of_calc={state})
         self.DeclareVectorOutputPort("plan_time", 1, self._calc_plan_time, prerequisites_of_calc={state})
         pending = self.abstract_state_ticket(self._pending)
-        moving.add(self._pause_in.ticket())
+        moving |= {port.ticket() for port in (self._next_in, self._then_in, self._pause_in)}
         self.DeclareVectorOutputPort("position_planned", n, self._calc_planned, prerequisites_of_calc=moving)
         self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state, pending})
 
@@ -283,14 +283,19 @@ class Mpc(ModelUser[Model]):
         if brake is not None and brake[0]:
             memory = replace(planner.hold(memory, now, brake[1:]), stay=memory.stay)
         dynamics = ArmTorque(self._in_use(context), planner.scene.chain, self._payload(context))
-        after, then = (_given(port, context) for port in (self._next_in, self._then_in))
-        held = b"" if then is None or Hand.unpack(then).held == NOTHING else then.tobytes()
-        beside = further, things
-        memory, _ = planner.tick(memory, now, arm, tracks, goal, *beside, arm=dynamics, after=after, hand_after=held)
+        after = self._onward(context)
+        memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics, after=after)
         state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
         pending = () if memory.pending is None else (memory.pending,)
         state.get_mutable_abstract_state(int(self._pending)).set_value(pending)
         return EventStatus.Succeeded()
+
+    def _onward(self, context: Context) -> Onward:
+        """Return where the arm goes after its goal."""
+        goal, then, pause = (_given(port, context) for port in (self._next_in, self._then_in, self._pause_in))
+        held = b"" if then is None or Hand.unpack(then).held == NOTHING else then.tobytes()
+        rests = 0.0 if pause is None else float(pause[0])
+        return Onward(NOWHERE.goal if goal is None else goal, held, rests)
 
     def _surroundings(self, context: Context) -> tuple[MotionPlanner, Array, Array, Array | None, Array | None]:
         """Return who plans now, with what is held in its hand, the arm's state, and what is to be kept clear of."""
@@ -331,9 +336,8 @@ class Mpc(ModelUser[Model]):
     def _calc_planned(self, context: Context, output: BasicVector) -> None:
         found, vector = None, self._vector(context)
         if Memory.way_on_in(vector, self._n, self._knots):
-            pause = _given(self._pause_in, context)
-            rests = 0.0 if pause is None else float(pause[0])
-            found = going_on(self.planner.guide, self.memory(context), context.get_time(), AHEAD, rests)
+            pause = self._onward(context).pause
+            found = going_on(self.planner.guide, self.memory(context), context.get_time(), AHEAD, pause)
         output.SetFromVector(self._planned(context, AHEAD) if found is None else found)
 
     def _planned(self, context: Context, ahead: float) -> Array:

@@ -21,10 +21,10 @@ fastest, ten times what plans creep by at their goals."""
 SETS_OFF: Final = 1.0 / 3.0
 """How far joints go at most that may set off at any time within that second, in the root mean square, of what they go
 at their greatest speed: √(1/3) as they may begin at any time, √0.3 as on a way of seven joints one alone is so fast."""
-CLEARLY: Final = 2.0
+CLEARLY: Final = 10.0
 """Its present speed foretells an arm where the squares of its errors are so many times smaller than the plan's [1]: of
-one that something else moves, while its plan stays behind, soon ten times and more; one for which another way was found
-is missed by both alike, and does follow its plan."""
+one that something else moves, while its plan stays behind, soon far more; one for which another way was found is missed
+by both, by the way foreseen for it mostly by more, and does follow its plan."""
 REMEMBERED: Final = 10.0
 """Errors are averaged over this long [s]: some motions, so that those of one do not pass for all."""
 

@@ -9,8 +9,8 @@ import pytest
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.planning.collision.collision_scene import load_scene
-from twin_diagram.planning.mpc.asking_ahead import answered, going_on, question_ahead, revised
+from twin_diagram.planning.collision.collision_scene import Forecast, load_scene
+from twin_diagram.planning.mpc.asking_ahead import NOWHERE, Onward, answered, going_on, question_ahead, revised
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.paths.guide import Answer, Question
@@ -61,7 +61,9 @@ def ticks(asked: Asked, memory: Memory, goal: Array, after: Array | None, count:
     for tick in range(start, start + count):
         q = memory.trajectory.position(tick / rate)
         state = np.concatenate([q, np.zeros(7)])
-        memory, _ = planner.tick(memory, tick / rate, state, np.zeros(0), goal, after=after)
+        memory, _ = planner.tick(
+            memory, tick / rate, state, np.zeros(0), goal, after=NOWHERE if after is None else Onward(after)
+        )
     return memory
 
 
@@ -131,7 +133,7 @@ def test_what_will_be_held_on_the_way_is_told_to_who_searches(asked: Asked) -> N
     found = question_ahead(asked.planner.guide, memory, question, THERE)
     assert found is not None and found.hand == hand
     state = np.concatenate([memory.trajectory.position(0.04), np.zeros(7)])
-    asked.planner.tick(memory, 0.04, state, np.zeros(0), HERE, after=THERE, hand_after=hand)
+    asked.planner.tick(memory, 0.04, state, np.zeros(0), HERE, after=Onward(THERE, hand))
     assert [question.hand for question in asked.questions] == [hand], "while the hand is still empty"
 
 
@@ -194,3 +196,21 @@ def test_what_is_taken_off_its_support_is_lifted_first_and_then_goes_the_shortes
     for hand, left in ((Hand(0, on_support=True), np.stack([up, there])), (Hand(0), there[None])):
         found = revised(planner.empty, memory, forecast, hand.pack().tobytes())
         np.testing.assert_array_equal(found.beyond, left)
+
+
+def test_what_moves_is_where_it_will_be_when_the_arm_sets_off(asked: Asked) -> None:
+    """A box that will have come into the way was not there yet when the way was sought, a second before."""
+    memory = ticks(asked, asked.planner.initial(HOME), HERE, None, 2)
+    state = np.concatenate([memory.trajectory.position(0.04), np.zeros(7)])
+    asked.planner.tick(memory, 0.04, state, np.zeros(0), HERE, after=Onward(THERE, pause=0.8))
+    (question,) = asked.questions
+    rests = asked.planner.router.travel(question.q, memory.route).duration
+    lasts = asked.planner.router.travel(HOME, memory.route).duration
+    assert rests == 0.0 and question.later == pytest.approx(0.8 + lasts, abs=0.2)
+    moves = Track(
+        ObjectStatus.MOVING, 0.0, np.array([1.0, 0, 0, 0, 0, 0, 0]), np.array([0, 0, 0, 0.1, 0, 0]), np.eye(6)
+    )
+    now = Forecast.of_tracks(moves.pack())
+    then, there = replace(now, later=0.5).at(np.array([0.0, 0.3]))[0], now.at(np.array([0.5, 0.8]))[0]
+    np.testing.assert_array_equal(then, there)
+    assert then[0, 0, 0, 3] == pytest.approx(0.05, abs=1e-3)

@@ -23,6 +23,7 @@ ABOVE = np.array([0.0, 1.0, 0.0, 0.0, 0.5, 0.25, 0.2])
 DOWN = moved(ABOVE, np.array([0.0, 0.0, -0.08]))
 BESIDE = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.32, 0.03])
 """A can that stands here leaves the hand alone, above it and next to it; one that moves there is too near below."""
+NEAR = BESIDE + np.array([0, 0, 0, 0, 0, 0.06, -0.04])
 BELOW = BESIDE + np.array([0, 0, 0, 0, 0, 0, 0.03])
 
 
@@ -87,6 +88,14 @@ def test_a_way_is_free_or_barred_by_what_passes_or_by_what_stays(planner: Motion
         np.testing.assert_array_equal(points, planner.guide.straight_way(q, DOWN))
     far, free, passes = planner.guide.line(q, moved(DOWN, np.array([0.3, 0, 0])), planner.scene.forecast(np.zeros(0)))
     assert not len(far) and not free and not passes
+
+
+def test_a_way_that_was_waited_for_is_taken_with_room_to_spare(planner: MotionPlanner) -> None:
+    """Else what flickers between moving and at rest has the hand stop half way down, and give way beside its can."""
+    q, near = above(planner), planner.scene.forecast(seen(NEAR, moves=True))
+    assert planner.guide.line(q, DOWN, near)[1] and not planner.guide.line(q, DOWN, near, waited=True)[1]
+    still = planner.scene.forecast(seen(BESIDE, moves=False))
+    assert planner.guide.line(q, DOWN, still, waited=True)[1]
 
 
 def test_a_hand_waits_above_for_what_passes_and_goes_straight_down_then(planner: MotionPlanner, asked: Asked) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
@@ -33,6 +34,25 @@ class Tuning:
 TUNING = Tuning()
 
 
+@dataclass(frozen=True)
+class Onward:
+    """Where an arm goes after its goal.
+
+    Attributes:
+        goal: (7,) X_WG of the tool; zeros: it is not known.
+        hand: what is held on the way there, a packed `Hand`; empty: nothing.
+        pause: it rests so long before that, once it is where it is to be now [s].
+    """
+
+    goal: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
+    hand: bytes = b""
+    pause: float = 0.0
+
+
+NOWHERE: Final = Onward()
+"""Where an arm goes next of which that is not known."""
+
+
 def foretold(memory: Memory, goal: Array) -> bool:
     """Tell whether a goal (7,) is the one that was looked ahead to."""
     if not memory.next_goal.any():
@@ -56,7 +76,7 @@ def question_ahead(guide: Guide, memory: Memory, question: Question, after: Arra
     return replace(question, q=end, goal=after.copy(), goals=memory.goals[:0], more_goals=True)
 
 
-def kept_ahead(before: Memory, memory: Memory, after: Array | None) -> Memory:
+def kept_ahead(before: Memory, memory: Memory, after: Array) -> Memory:
     """Return the memory of a goal that may be new with the way on that was found before, where that is still one.
 
     It is where it leads to what comes `after` (7,) the new goal: what fingers have closed on is lifted straight up, and
@@ -65,11 +85,11 @@ def kept_ahead(before: Memory, memory: Memory, after: Array | None) -> Memory:
     Args:
         before: the goal.
         memory: with it.
-        after: the goal after it; None, zeros: it is not known.
+        after: the goal after it; zeros: it is not known.
     """
     if np.array_equal(before.goal, memory.goal) or not memory.goal.any():
         return memory
-    if after is not None and len(memory.beyond) and foretold(memory, after) and not foretold(memory, memory.goal):
+    if after.any() and len(memory.beyond) and foretold(memory, after) and not foretold(memory, memory.goal):
         return replace(memory, next_goal=np.zeros(POSE_SIZE))
     return replace(memory, next_goal=np.zeros(POSE_SIZE), beyond=memory.beyond[:0])
 

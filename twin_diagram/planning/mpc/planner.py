@@ -10,8 +10,9 @@ import numpy as np
 
 from twin_diagram import scenario
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.mpc import asking_ahead
 from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, torque_bounds
-from twin_diagram.planning.mpc.asking_ahead import answered, foretold, kept_ahead, question_ahead, revised, way_known
+from twin_diagram.planning.mpc.asking_ahead import NOWHERE, Onward, kept_ahead
 from twin_diagram.planning.mpc.backing_out import proved_wrong, way_out, without
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.margins import TUNING as MARGINS
@@ -176,8 +177,7 @@ class MotionPlanner:
         goal: Array,
         *beside: Array | None,
         arm: ArmTorque | None = None,
-        after: Array | None = None,
-        hand_after: bytes = b"",
+        after: Onward = NOWHERE,
     ) -> tuple[Memory, Report]:
         """Plan anew.
 
@@ -189,8 +189,7 @@ class MotionPlanner:
             goal: (7,) X_WG of the tool frame; an all-zero quaternion: stay.
             beside: further instances and unknown things, as `Scene.forecast` takes them.
             arm: dynamics as known now, for bounds on torque; None: there are none.
-            after: (7,) the goal after this one: a way there is searched for before; None, zeros: it is not known.
-            hand_after: what is held on that way, a packed `Hand`; empty: nothing.
+            after: the goal after this one: a way there is searched for before.
         """
         rng = np.random.default_rng([self.params.seed, memory.tick])
         if memory.braked and self.searcher.works():
@@ -200,11 +199,11 @@ class MotionPlanner:
         further, things = (*beside, None, None)[:2]
         forecast, seed = self.scene.forecast(tracks, further, things), (self.params.seed, memory.tick, 1)
         question = Question(seed, q0, goal, memory.goals, False, tracks, further, things, added=tuple(self.scene.added))
-        before, memory = memory, kept_ahead(memory, self._aim(memory, q0, stop, goal, forecast, rng), after)
+        before, memory = memory, kept_ahead(memory, self._aim(memory, q0, stop, goal, forecast, rng), after.goal)
         memory = self._heard(memory, q0, forecast)
         if memory.tick % self._every == 0 or memory is not before:
             memory = self._decided(memory, q0, forecast, question, rng)
-        memory = self._looked_ahead(memory, replace(question, hand=hand_after), forecast, after)
+        memory = self._looked_ahead(memory, question, forecast, after)
 
         route, samples, stays = memory.route, self.optimiser.samples, not np.any(memory.goal)
         end = route.points[-1:] if route.to_goal else memory.goals[:0]
@@ -245,7 +244,7 @@ class MotionPlanner:
         if answer is None:
             return replace(memory, pending=None, braked=True, route=Route.none(len(q0)))
         if not np.array_equal(question.goal, memory.goal):
-            return answered(memory, answer.points)
+            return asking_ahead.answered(memory, answer.points)
         memory = replace(memory, pending=None, heard=True, goals=answer.goals)
         points = answer.points[: PLANNER_STATE.way_points]
         now = self.guide.situation(q0, forecast, answer.goals)
@@ -261,7 +260,7 @@ class MotionPlanner:
         if memory.braked:
             return replace(memory, route=Route.none(len(q0)))
         if not memory.route.to_goal and np.any(memory.goal):
-            line, free, _ = self.guide.line(q0, memory.goal, forecast)
+            line, free, _ = self.guide.line(q0, memory.goal, forecast, waited=True)
             memory = replace(memory, route=Route(Aim.LINE, line)) if free else memory
         now = self.guide.situation(q0, forecast, memory.goals, at_rest=not np.any(memory.goal))
         route, wants = self.router.decide(memory.route, now, rng, fresh=memory.asked == FRESH)
@@ -275,17 +274,22 @@ class MotionPlanner:
         self.searcher.ask(question)
         return replace(memory, pending=question, asked=memory.tick)
 
-    def _looked_ahead(self, memory: Memory, question: Question, forecast: Forecast, after: Array | None) -> Memory:
+    def _looked_ahead(self, memory: Memory, question: Question, forecast: Forecast, after: Onward) -> Memory:
         """Ask for a way on to the goal after this one, where nothing else is asked for: once, unless it is blocked."""
-        if after is None or not after.any() or memory.pending is not None or memory.braked or not memory.route.to_goal:
+        if not after.goal.any() or memory.pending is not None or memory.braked or not memory.route.to_goal:
             return memory
-        if foretold(memory, after):
-            looks = len(memory.beyond) and memory.tick % self._every == 0
-            return revised(self.empty, memory, forecast, question.hand) if looks else memory
-        asked = question_ahead(self.guide, memory, question, after)
+        known = asking_ahead.foretold(memory, after.goal)
+        if known and not (len(memory.beyond) and memory.tick % self._every == 0):
+            return memory
+        later = after.pause + self.router.travel(question.q, memory.route).duration  # by then it sets off
+        if known:
+            return asking_ahead.revised(self.empty, memory, replace(forecast, later=later), after.hand)
+        asked = asking_ahead.question_ahead(
+            self.guide, memory, replace(question, hand=after.hand, later=later), after.goal
+        )
         if asked is None or memory.next_goal.any():  # what was known led elsewhere
             memory = replace(memory, beyond=memory.goals[:0])
-        memory = replace(memory, next_goal=after.copy())
+        memory = replace(memory, next_goal=after.goal.copy())
         if asked is None:
             return memory
         self.searcher.ask(asked)
@@ -378,7 +382,7 @@ class MotionPlanner:
         asked = memory.tick if passes else FRESH
         if len(line):
             found = line[-1:] if passes else together(line[-1:], found)
-        elif len(known := way_known(self.guide, memory, goal, rng, TUNING.first_goals)):
+        elif len(known := asking_ahead.way_known(self.guide, memory, goal, rng, TUNING.first_goals)):
             found = together(known[-1:], found)
             if self.router.follows(known, self.guide.situation(q0, forecast, found)):
                 route = Route(Aim.GOAL, known)
