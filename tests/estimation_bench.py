@@ -52,6 +52,8 @@ class World:
     seed: int = 0
     added_mass: float = 0.0
     added_at: float = np.inf
+    added_over: float = 0.0
+    """So long it takes to be added, evenly [s]."""
     dead_joint: int = -1
     dead_at: float = np.inf
     motor_left: float = 0.0
@@ -161,8 +163,9 @@ def simulate(world: World, duration: float = 10.0) -> Recording:
         goal, rate = _path(world, t)
         state[of_row], state[nu + of_row] = goal, rate
         if t >= world.added_at and not changed:
-            changed = True
-            inertia = SpatialInertia(world.added_mass, np.zeros(3), UnitInertia.SolidSphere(0.03))
+            changed = t >= world.added_at + world.added_over
+            share = 1.0 if changed else (t - world.added_at) / world.added_over
+            inertia = SpatialInertia(share * world.added_mass, np.zeros(3), UnitInertia.SolidSphere(0.03))
             loads[1].SetSpatialInertiaInBodyFrame(context, inertia)
         if world.dead_joint >= 0 and t >= world.dead_at and not dead:
             dead = True

@@ -18,12 +18,13 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
 from twin_diagram.planning.collision.held_shape import holding
+from twin_diagram.planning.given import check_planner
 from twin_diagram.planning.mpc.arm_torque import ArmTorque
 from twin_diagram.planning.mpc.motion_program import MotionProgram
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
-from twin_diagram.planning.mpc_system import PAYLOAD, Mpc, _check, _offset
+from twin_diagram.planning.mpc_system import PAYLOAD, Mpc, _offset
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.scenario.resources import models_dir
@@ -377,6 +378,8 @@ def test_what_is_foreseen_goes_on_from_the_goal_where_a_way_on_is_known(mpc: Mpc
         context.SetDiscreteState(0, then.pack())
         np.testing.assert_allclose(mpc.GetOutputPort("position_planned").Eval(context), foreseen, atol=0.05)
         np.testing.assert_array_equal(position(mpc, context), HOME)
+    mpc.GetInputPort("next_pause").FixValue(context, np.array([2.0]))
+    np.testing.assert_allclose(mpc.GetOutputPort("position_planned").Eval(context), HOME, atol=1e-6)
 
 
 def test_nothing_is_planned_before_the_first_message(mpc: Mpc) -> None:
@@ -502,12 +505,12 @@ def test_plans_are_made_at_the_planners_rate_and_the_arm_is_held_at_the_filters(
 
 def test_tuning_is_fine_up_to_its_bounds() -> None:
     least = {"rate": 1e-6, "step": 1e-6, "clearance": 1e-6, "velocity_share": 1e-6, "acceleration": 1e-6}
-    _check(replace(scenario.Planner(), **least, knots=4))  # type: ignore[arg-type]
-    _check(replace(scenario.Planner(), velocity_share=1.0))
+    check_planner(replace(scenario.Planner(), **least, knots=4))  # type: ignore[arg-type]
+    check_planner(replace(scenario.Planner(), velocity_share=1.0))
     for field in least:
         for value in (0.0, -1.0, float("inf")):
             with pytest.raises(ScenarioError, match=f"twin.planner.{field}"):
-                _check(replace(scenario.Planner(), **{field: value}))  # type: ignore[arg-type]
+                check_planner(replace(scenario.Planner(), **{field: value}))  # type: ignore[arg-type]
 
 
 def test_a_goal_counts_from_the_tasks_start_on_and_a_payload_needs_all_its_parts(model: Model) -> None:

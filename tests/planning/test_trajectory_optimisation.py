@@ -13,10 +13,10 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.planning.collision.clearance import Contacts
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene, load_scene
+from twin_diagram.planning.given import check_planner
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.trajectory import Trajectory
 from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, OptimiserTuning
-from twin_diagram.planning.mpc_system import _check
 from twin_diagram.planning.paths import rrt_connect
 from twin_diagram.planning.paths.route import Aim, Route, Router, Situation
 from twin_diagram.scenario.resources import models_dir
@@ -207,10 +207,10 @@ def test_a_plan_stops_within_the_limits_and_at_rest(scene: Scene) -> None:
 def test_influence_is_asked_to_be_half_as_much_again_as_the_clearance(influence: float, fine: bool) -> None:
     params = scenario.Planner(clearance=0.04, influence=influence)
     if fine:
-        _check(params)
+        check_planner(params)
     else:
         with pytest.raises(ScenarioError, match="influence"):
-            _check(params)
+            check_planner(params)
 
 
 # Routes.

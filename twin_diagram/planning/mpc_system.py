@@ -10,18 +10,17 @@ from typing import Final, cast
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, State
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, InputPort, State
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
 from twin_diagram.model.model_user import ModelUser
 from twin_diagram.planning.collision.collision_scene import holders, load_scene, packed
 from twin_diagram.planning.collision.held_shape import at_rest, obstacles_beside
-from twin_diagram.planning.given import check_kinds
+from twin_diagram.planning.given import check_kinds, check_planner
 from twin_diagram.planning.mpc.arm_torque import PAYLOAD, ArmTorque, LearnedPayload
-from twin_diagram.planning.mpc.asking_ahead import going_on
+from twin_diagram.planning.mpc.asking_ahead import NOWHERE, Onward, going_on
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
 from twin_diagram.planning.mpc.planner import MotionPlanner
@@ -66,6 +65,8 @@ class Mpc(ModelUser[Model]):
         - hand (optional)
         - brake (optional)
         - next_goal (optional)
+        - next_hand (optional)
+        - next_pause (optional)
         output_ports:
         - position_commanded
         - torque_commanded
@@ -84,7 +85,9 @@ class Mpc(ModelUser[Model]):
         hand: (HAND_SIZE) what is held is part of the arm's shape, from the first plan on, and no obstacle; what may be
             touched is no obstacle either, nor, while the fingers are around it, what moves. See `signals.hand`.
         brake: (1 + n) whether something else stopped the arm, and where it is held [rad]: plans start there, from rest.
-        next_goal: (7) X_WG that it goes to after `goal`, zeros: none: a way there is sought beforehand.
+        next_goal: (7) X_WG that it goes to after `goal`, zeros: none: a way there is sought beforehand, …
+        next_hand: (HAND_SIZE) … with what is held then; see `signals.hand`. Not connected: nothing.
+        next_pause: (1) how long it rests before that, once it is at `goal` [s]. Not connected: not at all.
         measurement_time: (1) time of the arm's newest message [s]; until it is >= 0 nothing is planned. Not connected:
             `arm_state` is trusted from the start.
         position_commanded: (n) [rad]; the plan now, twice continuously differentiable in time. Before the first plan:
@@ -134,7 +137,7 @@ class Mpc(ModelUser[Model]):
         check_kinds(model, twin, library)
         super().__init__()
         self.set_name("mpc")
-        _check(twin.planner)
+        check_planner(twin.planner)
         scene = load_scene(model.spec, twin.fixtures, library, packages)
         pieces = [tuple(asset.convex_pieces) for asset in library.values()]
         limits = limits_of(model, scene, model.velocity_limit, twin.planner)
@@ -163,6 +166,8 @@ class Mpc(ModelUser[Model]):
         self._hand_in = self.DeclareVectorInputPort("hand", HAND_SIZE)
         self._brake_in = self.DeclareVectorInputPort("brake", 1 + n)
         self._next_in = self.DeclareVectorInputPort("next_goal", POSE_SIZE)
+        self._then_in = self.DeclareVectorInputPort("next_hand", HAND_SIZE)
+        self._pause_in = self.DeclareVectorInputPort("next_pause", 1)
 
         home = np.array(twin.home, dtype=float) if twin.home else np.zeros(n)
         self._state = self.DeclareDiscreteState(self.planner.initial(home).pack())
@@ -181,6 +186,7 @@ class Mpc(ModelUser[Model]):
         self.DeclareVectorOutputPort("plan", self._knots * n, self._calc_plan, prerequisites_of_calc={state})
         self.DeclareVectorOutputPort("plan_time", 1, self._calc_plan_time, prerequisites_of_calc={state})
         pending = self.abstract_state_ticket(self._pending)
+        moving |= {port.ticket() for port in (self._next_in, self._then_in, self._pause_in)}
         self.DeclareVectorOutputPort("position_planned", n, self._calc_planned, prerequisites_of_calc=moving)
         self.DeclareVectorOutputPort("reach", 1, self._calc_reach, prerequisites_of_calc={state, pending})
 
@@ -273,22 +279,29 @@ class Mpc(ModelUser[Model]):
         goal = np.array(self._goal_in.Eval(context)) if now >= self._start - 1e-9 else np.zeros(POSE_SIZE)
         planner, arm, tracks, further, things = self._surroundings(context)
         memory = self.memory(context)
-        brake = np.array(self._brake_in.Eval(context)) if self._brake_in.HasValue(context) else np.zeros(1)
-        if brake[0]:
+        brake = _given(self._brake_in, context)
+        if brake is not None and brake[0]:
             memory = replace(planner.hold(memory, now, brake[1:]), stay=memory.stay)
         dynamics = ArmTorque(self._in_use(context), planner.scene.chain, self._payload(context))
-        after = np.array(self._next_in.Eval(context)) if self._next_in.HasValue(context) else None
+        after = self._onward(context)
         memory, _ = planner.tick(memory, now, arm, tracks, goal, further, things, arm=dynamics, after=after)
         state.get_mutable_discrete_state().set_value(int(self._state), memory.pack())
         pending = () if memory.pending is None else (memory.pending,)
         state.get_mutable_abstract_state(int(self._pending)).set_value(pending)
         return EventStatus.Succeeded()
 
+    def _onward(self, context: Context) -> Onward:
+        """Return where the arm goes after its goal."""
+        goal, then, pause = (_given(port, context) for port in (self._next_in, self._then_in, self._pause_in))
+        held = b"" if then is None or Hand.unpack(then).held == NOTHING else then.tobytes()
+        rests = 0.0 if pause is None else float(pause[0])
+        return Onward(NOWHERE.goal if goal is None else goal, held, rests)
+
     def _surroundings(self, context: Context) -> tuple[MotionPlanner, Array, Array, Array | None, Array | None]:
         """Return who plans now, with what is held in its hand, the arm's state, and what is to be kept clear of."""
         arm, tracks = np.array(self._arm_in.Eval(context)), np.array(self._tracks_in.Eval(context))
         beside = self._further_in, self._things_in
-        further, things = (np.array(port.Eval(context)) if port.HasValue(context) else None for port in beside)
+        further, things = (_given(port, context) for port in beside)
         planner = self.planner
         if self._hand_in.HasValue(context):
             hand = Hand.unpack(np.array(self._hand_in.Eval(context)))
@@ -323,7 +336,8 @@ class Mpc(ModelUser[Model]):
     def _calc_planned(self, context: Context, output: BasicVector) -> None:
         found, vector = None, self._vector(context)
         if Memory.way_on_in(vector, self._n, self._knots):
-            found = going_on(self.planner.guide, self.memory(context), context.get_time(), AHEAD)
+            pause = self._onward(context).pause
+            found = going_on(self.planner.guide, self.memory(context), context.get_time(), AHEAD, pause)
         output.SetFromVector(self._planned(context, AHEAD) if found is None else found)
 
     def _planned(self, context: Context, ahead: float) -> Array:
@@ -361,6 +375,10 @@ class Mpc(ModelUser[Model]):
         output[0] = found if known and (found or memory.pending is None or memory.heard) else NEVER
 
 
+def _given(port: InputPort, context: Context) -> Array | None:
+    return np.array(port.Eval(context)) if port.HasValue(context) else None
+
+
 def _offset(twin: scenario.Twin) -> float:
     """When within a period to plan: right after the updater's tick that follows a new image's delivery [s]."""
     camera = next(iter(twin.perceiving.values()), None)
@@ -369,22 +387,3 @@ def _offset(twin: scenario.Twin) -> float:
     delivered = camera.latency + TUNING.margin
     updated = np.ceil(delivered * twin.scene.rate - 1e-9) / twin.scene.rate
     return float((updated + TUNING.margin) % (1.0 / twin.planner.rate))
-
-
-def _check(params: scenario.Planner) -> None:
-    positive = ("rate", "step", "clearance", "influence", "velocity_share", "torque_share", "acceleration")
-    for name in positive:
-        value, least = getattr(params, name), 0.0
-        if value is None:
-            continue
-        if not (np.isfinite(value) and value > least):
-            raise ScenarioError(f"twin.planner.{name}", f"{value} is not a positive number")
-    if params.knots < 4:
-        raise ScenarioError("twin.planner.knots", f"{params.knots} knots leave nothing to plan; give 4 or more")
-    if params.influence < 1.5 * params.clearance:
-        raise ScenarioError(
-            "twin.planner.influence", f"{params.influence} m must be well above clearance ({params.clearance} m)"
-        )
-    for name in ("velocity_share", "torque_share"):
-        if getattr(params, name) > 1.0:
-            raise ScenarioError(f"twin.planner.{name}", f"{getattr(params, name)} is above the joints' limits")

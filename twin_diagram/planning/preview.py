@@ -21,6 +21,10 @@ fastest, ten times what plans creep by at their goals."""
 SETS_OFF: Final = 1.0 / 3.0
 """How far joints go at most that may set off at any time within that second, in the root mean square, of what they go
 at their greatest speed: √(1/3) as they may begin at any time, √0.3 as on a way of seven joints one alone is so fast."""
+CLEARLY: Final = 10.0
+"""Its present speed foretells an arm where the squares of its errors are so many times smaller than the plan's [1]: of
+one that something else moves, while its plan stays behind, soon far more; one for which another way was found is missed
+by both, by the way foreseen for it mostly by more, and does follow its plan."""
 REMEMBERED: Final = 10.0
 """Errors are averaged over this long [s]: some motions, so that those of one do not pass for all."""
 
@@ -52,8 +56,9 @@ class Foresight:
 
     @property
     def better(self) -> int:
-        """Which way was nearer of late; the first one if neither."""
-        return int(np.argmin(self.counts @ np.trace(self.squares, axis1=2, axis2=3)))
+        """Which way was nearer of late: the plan's, unless that which goes on at the present speed clearly was."""
+        plan, speed = self.counts @ np.trace(self.squares, axis1=2, axis2=3)
+        return int(CLEARLY * speed < plan)
 
     def goes_on(self, foreseen: Array, back: int = 1) -> bool:
         """Return whether a plan (2, n), `foreseen` now, is on its way: since so many previews ago it moved on."""
@@ -131,8 +136,8 @@ class Preview(LeafSystem):
             where the arm is.
         measurement_time: (1) time of the arm's newest message [s]; before there is one nothing is learned.
         position_previewed: (n) where the arm will be `AHEAD` from now [rad]: by the plan, or moved on at the speed that
-            it has, within its joints' limits, whichever has been nearer of late. An arm that something else moves
-            follows no plan.
+            it has, within its joints' limits, where that has clearly been nearer of late. An arm that something else
+            moves follows no plan.
         preview_covariance: (n²) of that, row by row: the mean square of the errors that such previews had of late, of
             an arm that rests by then or is on its way, and what the filter is not sure of. Before one comes due, it may
             be off by the whole way; one that rests may be told to go, see `Foresight.square`.

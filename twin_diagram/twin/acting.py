@@ -64,7 +64,7 @@ def connect_task(
     builder.Connect(ekf.GetOutputPort("arm_state"), runner.GetInputPort("arm_state"))
     builder.Connect(updater.GetOutputPort("tracks"), runner.GetInputPort("tracks"))
     builder.Connect(runner.GetOutputPort("hand"), updater.GetInputPort("hand"))
-    for name in inputs_of(controller, ("hand", "next_goal")):
+    for name in inputs_of(controller, ("hand", "next_goal", "next_hand", "next_pause")):
         builder.Connect(runner.GetOutputPort(name), controller.GetInputPort(name))
     if controller.HasOutputPort("reach"):
         builder.Connect(controller.GetOutputPort("reach"), runner.GetInputPort("reach"))

@@ -8,7 +8,8 @@ twin needs. For an arm of n joints, p learnt parameters and K objects in the lib
   must have the output `position_commanded` (n) [rad] and may have `torque_commanded` (n) [N·m], which is added to the
   arm's own controller, `plan` (knots · n) [rad], which is drawn, and `reach`, `plan_time` (1) and `position_planned`
   (n), as `Mpc` has them: without `plan_time` nobody notices that it hangs. An input `brake` (1 + n) tells it that the
-  arm is held and where, `next_goal` (7) where it goes after `goal`. All its positions are true joint angles: offsets of
+  arm is held and where, `next_goal` (7) where it goes after `goal`, `next_hand` with what in its hand and
+  `next_pause` (1) how long it rests before that. All its positions are true joint angles: offsets of
   encoders that the twin is told of are taken off before, and put back on what it commands. Where one is found while the
   twin runs, any System that has a method `recount(context, change)` is told by how much (n,) its angles count otherwise
   from now on.

@@ -323,7 +323,7 @@ def _add_updater(builder: DiagramBuilder, scene: TwinScene, twin: scenario.Twin)
 def _check_controller(system: System, n: int, objects: int, parameters: int, slots: scenario.Slots) -> None:
     """Refuse a controller of n joints that does not fit; raises TwinError."""
     beside = {"further_tracks": FURTHER_TRACK_SIZE * slots.further(objects), "things": THING_SIZE * slots.unknown}
-    beside |= {"hand": HAND_SIZE, "brake": 1 + n, "next_goal": POSE_SIZE}
+    beside |= {"hand": HAND_SIZE, "brake": 1 + n, "next_goal": POSE_SIZE, "next_hand": HAND_SIZE, "next_pause": 1}
     arm = dict.fromkeys(("position_measured", "velocity_estimated", "torque_measured"), n)
     inputs = {"arm_state": 2 * n, "tracks": TRACK_SIZE * objects, "parameters": parameters, "goal": POSE_SIZE}
     inputs |= beside

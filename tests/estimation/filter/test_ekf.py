@@ -388,6 +388,17 @@ def test_abrupt_change_of_payload():
     assert ekf.belief.header[Entry.OPENINGS] >= 1
 
 
+def test_a_load_that_takes_its_time_to_come_is_weighed_once_it_is_there():
+    """Fingers bear what they lift after a tenth of a second; what was learnt meanwhile was of neither load."""
+    world = World.draw(1, period=6.0, added_mass=1.0, added_at=1.5, added_over=0.1)
+    run = simulate(world, 2.3)
+    ekf = Ekf(terms(), Filter())
+    for k in range(len(run.time)):
+        ekf.observe(run.q[k], run.v[k], run.tau[k], run.time[k])
+    error = ekf.belief.theta[0] - world.mass - world.added_mass
+    assert abs(error) < 0.03 and abs(error) < 2.0 * np.sqrt(ekf.belief.P[21, 21])
+
+
 # Robustness.
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.estimation.small_arms import begun
 from twin_diagram.estimation.filter.belief import Entry
-from twin_diagram.estimation.filter.parameter_adaptation import gather, open_up, refute, release
+from twin_diagram.estimation.filter.parameter_adaptation import CHANGING, gather, open_again, open_up, refute, release
 from twin_diagram.scenario import Filter
 
 PARAMS = Filter(parameters=["torque_bias", "torque_constant"])
@@ -79,6 +79,36 @@ def test_what_innovations_speak_for_is_opened_once() -> None:
         np.testing.assert_array_equal(ekf.history.state(0)[2], belief.P)
         open_up(ekf, 4.0)
         assert belief.P[9, 9] <= max(0.5, before) + 1e-12
+
+
+def test_a_load_is_opened_once_more_when_its_change_is_over() -> None:
+    """What was learnt of it meanwhile was of a load on its way; a motor fails at once."""
+    ekf = begun(Filter(parameters=["payload", *PARAMS.parameters]))
+    belief, load, motor = ekf.belief, slice(6, 10), 13
+    for changed, freed in ((slice(0, 4), CHANGING), (slice(7, 8), 1.0)):
+        belief.score[:, :8] = 100.0 * np.eye(8)
+        belief.score[:, 8] = 0.0
+        belief.score[changed, 8] = 200.0
+        belief.freed[:] = 0.0
+        open_up(ekf, 3.0)
+        assert (belief.freed[changed] == freed).all() and np.count_nonzero(belief.freed) == changed.stop - changed.start
+    belief.freed[:4] = CHANGING
+    belief.P[load, load] = 1e-6 * np.eye(4)
+    belief.P[motor, motor] = 1e-6
+    belief.regime[:], belief.score[:], belief.header[Entry.NIS_MEAN] = 1.0, 5.0, 7.0
+    kept = belief.P.copy()
+    open_again(ekf)
+    assert not belief.score.any() and belief.header[Entry.NIS_MEAN] == 1.0
+    expected = np.zeros_like(kept)
+    expected[load, load] = ekf.parameters.opening[:4, :4]
+    np.testing.assert_allclose(belief.P - kept, expected, atol=1e-15)
+    np.testing.assert_array_equal(belief.freed, [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(belief.regime, 1.5)
+    np.testing.assert_array_equal(ekf.history.state(0)[2], belief.P)
+    assert belief.header[Entry.OPENINGS] == 2.0, "it is the same change"
+    before = belief.vector.copy()
+    open_again(ekf)
+    np.testing.assert_array_equal(belief.vector, before)
 
 
 def test_without_a_covariance_nothing_is_opened() -> None:

@@ -283,7 +283,7 @@ def test_a_route_that_is_blocked_late_is_followed_for_want_of_a_better_one() -> 
 def test_way_points_are_passed_where_they_are_near_or_needless() -> None:
     def shortened(q: Any, points: Any, wall: Wall | None = None, coarse: Array = MARGINS) -> Array:
         router, _ = world(wall or Wall())
-        return router._shortcut(Route(Aim.GOAL, np.array(points)), situation(q, []), MARGINS, coarse).points
+        return router.shortcut(Route(Aim.GOAL, np.array(points)), situation(q, []), MARGINS, coarse).points
 
     around = [[0.5, 1.1], [1.7, 1.1], [1.7, 0.0]]
     np.testing.assert_allclose(shortened([0.5, 0.0], around), around)  # nothing is in sight but the next

@@ -92,6 +92,16 @@ def test_nothing_begins_before_start_or_the_arms_first_message(runner: TaskRunne
     assert odd.get("outcome")[2] == Phase.START
 
 
+def test_where_it_goes_first_is_told_before_it_begins(runner: TaskRunner, model: Model) -> None:
+    run = Run(runner, model)
+    run.to(0.3)
+    told = run.get("next_goal")
+    assert told[4:6] == pytest.approx(model.tool_pose(HOME).translation()[:2] + [0.0, 0.2], abs=1e-3)
+    assert run.get("next_pause")[0] == pytest.approx(0.2, abs=0.04)
+    assert Hand.unpack(run.get("next_hand")).held == -1
+    assert not run.get("goal").any()
+
+
 def test_it_opens_then_goes_above_the_object(runner: TaskRunner, model: Model) -> None:
     run = Run(runner, model)
     run.to(0.6)

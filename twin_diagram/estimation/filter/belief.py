@@ -134,7 +134,8 @@ class Belief:
         acceleration: (n,) low-passed, as observed, not as predicted [rad/s²].
         model: (p,) θ as the physics has it; the difference to θ acts through its derivatives.
         gradient: (p,) gathered since then, where the gradient rule adapts θ.
-        freed: (p,) 1 where a parameter was opened beyond its prior, which then says nothing of it any more.
+        freed: (p,) 1 where a parameter was opened beyond its prior, which then says nothing of it any more; 2 while
+            what made it open may still go on.
         score: (p, p + 1) of recent innovations by θ: their information matrix and their gradient, with forgetting.
         x: (N,) mean, N = 3n + p + own; q, v, disturbance, theta, own are views of it.
         P: (N, N) covariance.

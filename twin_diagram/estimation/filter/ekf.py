@@ -55,7 +55,7 @@ from twin_diagram.estimation.filter.belief import TUNING as BELIEF
 from twin_diagram.estimation.filter.fault_isolation import alarming
 from twin_diagram.estimation.filter.noise_adaptation import adapt, noise_now
 from twin_diagram.estimation.filter.outlier_streaks import gather, take_for_noise
-from twin_diagram.estimation.filter.parameter_adaptation import open_up, refute
+from twin_diagram.estimation.filter.parameter_adaptation import open_again, open_up, refute
 from twin_diagram.estimation.filter.parameter_status import Standing, standings
 from twin_diagram.estimation.filter.predict import TUNING as PREDICT
 from twin_diagram.estimation.filter.predict import propagate
@@ -342,6 +342,7 @@ class Ekf(Core):
         # Learn. The update moved θ already; what it cannot hold any more is opened, or given up.
         if t < header[Entry.QUIET]:
             return
+        open_again(self)
         if header[Entry.NIS_MEAN] > self.params.opening or (
             header[Entry.STREAK] == 0.0 and alarming(belief.score, self.parameters.groups)
         ):

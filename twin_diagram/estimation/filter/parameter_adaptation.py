@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -20,7 +21,8 @@ class Tuning:
     """
 
     quiet_time: float = 0.2
-    """No second opening within this time [s]."""
+    """No second opening within this time [s]; so long a load may take to come or go. A can of 1 kg leaves opening
+    fingers within 0.04 s, closing ones bear it after 0.1 to 0.15 s, and the arm swings as long."""
 
     refuted: float = 3.5
     """A parameter so many deviations of its prior from the prior's mean refutes it."""
@@ -32,6 +34,9 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+CHANGING: Final = 2.0
+"""In `Belief.freed`, of what was opened and is to be opened once more when its change is over."""
 
 
 def release(core: Core, t: float) -> None:
@@ -74,15 +79,40 @@ def open_up(core: Core, t: float) -> None:
         core: its belief is changed.
         t: now [s].
     """
-    belief, n = core.belief, core.terms.n
+    belief = core.belief
     belief.header[Entry.OPENINGS] += 1
     belief.header[Entry.QUIET] = t + TUNING.quiet_time
     if core.params.rule == "gradient" or not belief.p:
         return
-    at = slice(3 * n, 3 * n + belief.p)
-    now, prior = belief.P[at, at], core.parameters.opening
     changed = suspects(belief.score, core.parameters.groups)
     belief.freed[changed] = 1.0
+    load = core.parameters.payload
+    if load is not None:
+        belief.freed[load] = np.where(changed[load], CHANGING, belief.freed[load])
+    _open(core, changed)
+
+
+def open_again(core: Core) -> None:
+    """Open once more, when its time is over, what does not change at once: a load.
+
+    What was learnt meanwhile is of a load on its way, and surely wrong of the one that is left: fingers that let go of
+    1 kg told 0.1 kg too much within some messages, and for good, since nothing seemed to change any more.
+
+    Args:
+        core: its belief is changed.
+    """
+    belief, changing = core.belief, core.belief.freed == CHANGING
+    if changing.any():
+        belief.freed[changing] = 1.0
+        belief.score[:], belief.header[Entry.NIS_MEAN] = 0.0, 1.0  # what surprised meanwhile is explained by this
+        _open(core, changing)
+
+
+def _open(core: Core, changed: np.ndarray) -> None:
+    """Open the parameters (p,) that have changed."""
+    belief, n = core.belief, core.terms.n
+    at = slice(3 * n, 3 * n + belief.p)
+    now, prior = belief.P[at, at], core.parameters.opening
     # Openings do not add up: none makes a parameter less certain than twice its prior.
     room = np.where(changed, np.sqrt(np.clip(2.0 - now.diagonal() / prior.diagonal(), 0.0, 1.0)), 0.0)
     now += prior * np.outer(room, room)

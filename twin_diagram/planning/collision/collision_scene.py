@@ -238,6 +238,7 @@ class Forecast:
         grown: (K,) how much larger each is taken to be now [m].
         unsure: of those whose poses are estimates, by number, how that grows; see `Unsure`.
         beside: shapes of those that come after the library's objects: they are among the K.
+        later: times count from so long after now [s].
     """
 
     present: npt.NDArray[np.bool_]
@@ -249,6 +250,7 @@ class Forecast:
     grown: Array
     beside: tuple[Body, ...] = ()
     unsure: Mapping[int, Unsure] = field(default_factory=dict)
+    later: float = 0.0
 
     @staticmethod
     def of_things(things: Sequence[Thing]) -> Forecast:
@@ -317,9 +319,10 @@ class Forecast:
         return Forecast(present, moving, R_WO, rows[:, 6:9].copy(), spin, velocity, grown, unsure=unsure)
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Return the poses (K, N, 4, 4) and growths (K, N) at `times` (N,) from now [s]."""
+        """Return the poses (K, N, 4, 4) and growths (K, N) at `times` (N,) from now, or from `later` [s]."""
         from twin_diagram.planning.collision import forecast_kernels  # compiled; not with every import
 
+        times = times + self.later
         X_WO = forecast_kernels.moved(self.R_WO, self.p_WO, self.spin, self.velocity, travel(times))
         grown = np.repeat(self.grown[:, None], len(times), axis=1)
         for number, how in self.unsure.items():

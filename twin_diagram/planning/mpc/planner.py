@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Final
 
 import numpy as np
 
 from twin_diagram import scenario
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.mpc import asking_ahead
 from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, torque_bounds
-from twin_diagram.planning.mpc.asking_ahead import answered, foretold, question_ahead, way_known
+from twin_diagram.planning.mpc.asking_ahead import NOWHERE, Onward, kept_ahead
 from twin_diagram.planning.mpc.backing_out import proved_wrong, way_out, without
 from twin_diagram.planning.mpc.limits import limits_of
 from twin_diagram.planning.mpc.margins import TUNING as MARGINS
@@ -91,9 +91,6 @@ class Tuning:
 
 TUNING = Tuning()
 
-NO_GOAL: Final = np.zeros(POSE_SIZE)
-"""In the place of a goal (7,) that there is not."""
-
 
 @dataclass(frozen=True)
 class Report:
@@ -110,6 +107,7 @@ class MotionPlanner:
 
     Attributes:
         guide: what is searched with.
+        empty: the same with an empty hand.
         searcher: where that runs; here, unless somebody sets another.
     """
 
@@ -137,7 +135,7 @@ class MotionPlanner:
         self.scene, self.params = scene, params
         self.limits = limits or limits_of(None, scene, velocity_limit, params)
         speed, acceleration = TUNING.travel * self.limits.velocity, TUNING.travel * self.limits.acceleration
-        self.guide = Guide(scene, GuideSettings(speed, params.clearance, pieces_O, acceleration))
+        self.guide = self.empty = Guide(scene, GuideSettings(speed, params.clearance, pieces_O, acceleration))
         self.router = self.guide.router
         self.searcher: Searcher = Here(self.guide)
         self.optimiser = Optimiser(
@@ -152,7 +150,7 @@ class MotionPlanner:
     def _made(self, hand: bytes) -> MotionPlanner:
         guide = self.guide.holding(hand)
         made = MotionPlanner(guide.scene, self._velocity_limit, self.params, self._solver, (), hand, self.limits)
-        made.guide, made.router = guide, guide.router
+        made.guide, made.router, made.empty = guide, guide.router, self.empty
         return made
 
     def holding(self, hand: bytes) -> MotionPlanner:
@@ -179,7 +177,7 @@ class MotionPlanner:
         goal: Array,
         *beside: Array | None,
         arm: ArmTorque | None = None,
-        after: Array | None = None,
+        after: Onward = NOWHERE,
     ) -> tuple[Memory, Report]:
         """Plan anew.
 
@@ -191,7 +189,7 @@ class MotionPlanner:
             goal: (7,) X_WG of the tool frame; an all-zero quaternion: stay.
             beside: further instances and unknown things, as `Scene.forecast` takes them.
             arm: dynamics as known now, for bounds on torque; None: there are none.
-            after: (7,) the goal after this one: a way there is searched for before; None, zeros: it is not known.
+            after: the goal after this one: a way there is searched for before.
         """
         rng = np.random.default_rng([self.params.seed, memory.tick])
         if memory.braked and self.searcher.works():
@@ -201,16 +199,14 @@ class MotionPlanner:
         further, things = (*beside, None, None)[:2]
         forecast, seed = self.scene.forecast(tracks, further, things), (self.params.seed, memory.tick, 1)
         question = Question(seed, q0, goal, memory.goals, False, tracks, further, things, added=tuple(self.scene.added))
-        before = memory
-        memory = self._aim(memory, q0, stop, goal, forecast, rng)
+        before, memory = memory, kept_ahead(memory, self._aim(memory, q0, stop, goal, forecast, rng), after.goal)
         memory = self._heard(memory, q0, forecast)
         if memory.tick % self._every == 0 or memory is not before:
             memory = self._decided(memory, q0, forecast, question, rng)
         memory = self._looked_ahead(memory, question, forecast, after)
 
-        route, samples = memory.route, self.optimiser.samples
+        route, samples, stays = memory.route, self.optimiser.samples, not np.any(memory.goal)
         end = route.points[-1:] if route.to_goal else memory.goals[:0]
-        stays = not np.any(memory.goal)
         situation = self.guide.margins_at(q0, forecast, end, at_rest=stays)
         way = self.router.travel(q0, route, v0)
         margins = at_samples(situation, samples, way.duration, stays=stays)
@@ -248,7 +244,7 @@ class MotionPlanner:
         if answer is None:
             return replace(memory, pending=None, braked=True, route=Route.none(len(q0)))
         if not np.array_equal(question.goal, memory.goal):
-            return answered(memory, answer.points)
+            return asking_ahead.answered(memory, answer.points)
         memory = replace(memory, pending=None, heard=True, goals=answer.goals)
         points = answer.points[: PLANNER_STATE.way_points]
         now = self.guide.situation(q0, forecast, answer.goals)
@@ -263,6 +259,9 @@ class MotionPlanner:
         """Choose the route, and ask for a search where that may find a better one."""
         if memory.braked:
             return replace(memory, route=Route.none(len(q0)))
+        if not memory.route.to_goal and np.any(memory.goal):
+            line, free, _ = self.guide.line(q0, memory.goal, forecast, waited=True)
+            memory = replace(memory, route=Route(Aim.LINE, line)) if free else memory
         now = self.guide.situation(q0, forecast, memory.goals, at_rest=not np.any(memory.goal))
         route, wants = self.router.decide(memory.route, now, rng, fresh=memory.asked == FRESH)
         memory = replace(memory, route=Route(route.aim, route.points[: PLANNER_STATE.way_points]))
@@ -275,18 +274,22 @@ class MotionPlanner:
         self.searcher.ask(question)
         return replace(memory, pending=question, asked=memory.tick)
 
-    def _looked_ahead(self, memory: Memory, question: Question, forecast: Forecast, after: Array | None) -> Memory:
+    def _looked_ahead(self, memory: Memory, question: Question, forecast: Forecast, after: Onward) -> Memory:
         """Ask for a way on to the goal after this one, where nothing else is asked for: once, unless it is blocked."""
-        if after is None or not after.any() or memory.pending is not None or memory.braked or not memory.route.to_goal:
+        if not after.goal.any() or memory.pending is not None or memory.braked or not memory.route.to_goal:
             return memory
-        if foretold(memory, after):
-            if not len(memory.beyond) or memory.tick % self._every:
-                return memory
-            then = self.guide.situation(memory.route.points[-1], forecast, memory.beyond[-1:])
-            free = self.router.follows(memory.beyond, then)
-            return memory if free else replace(memory, next_goal=NO_GOAL, beyond=memory.beyond[:0])
-        memory = replace(memory, next_goal=after.copy(), beyond=memory.goals[:0])
-        asked = question_ahead(self.guide, memory, replace(question, hand=self._hand), after)
+        known = asking_ahead.foretold(memory, after.goal)
+        if known and not (len(memory.beyond) and memory.tick % self._every == 0):
+            return memory
+        later = after.pause + self.router.travel(question.q, memory.route).duration  # by then it sets off
+        if known:
+            return asking_ahead.revised(self.empty, memory, replace(forecast, later=later), after.hand)
+        asked = asking_ahead.question_ahead(
+            self.guide, memory, replace(question, hand=after.hand, later=later), after.goal
+        )
+        if asked is None or memory.next_goal.any():  # what was known led elsewhere
+            memory = replace(memory, beyond=memory.goals[:0])
+        memory = replace(memory, next_goal=after.goal.copy())
         if asked is None:
             return memory
         self.searcher.ask(asked)
@@ -373,18 +376,18 @@ class MotionPlanner:
         if had and np.array_equal(goal, memory.goal):
             return memory
         found = self.guide.joint_goals(q0, goal, forecast, rng, TUNING.first_goals)
-        line = self.guide.straight_way(q0, goal)
-        route = Route.none(n)
+        line, free, passes = self.guide.line(q0, goal, forecast)
+        route = Route(Aim.LINE, line) if free else Route.none(n)
+        # What bars a short way for a moment is waited for: no other way to stand is looked for at first.
+        asked = memory.tick if passes else FRESH
         if len(line):
-            found = together(line[-1:], found)
-            if self.router.follows(line, self.guide.situation(q0, forecast, found)):
-                route = Route(Aim.LINE, line)
-        elif len(known := way_known(self.guide, memory, goal, rng, TUNING.first_goals)):
+            found = line[-1:] if passes else together(line[-1:], found)
+        elif len(known := asking_ahead.way_known(self.guide, memory, goal, rng, TUNING.first_goals)):
             found = together(known[-1:], found)
             if self.router.follows(known, self.guide.situation(q0, forecast, found)):
                 route = Route(Aim.GOAL, known)
-        memory = replace(memory, goal=goal.copy(), goals=found, route=route, next_goal=NO_GOAL, beyond=found[:0])
-        return replace(memory, pending=None, heard=False, asked=FRESH)
+        memory = replace(memory, goal=goal.copy(), goals=found, route=route)
+        return replace(memory, pending=None, heard=False, asked=asked)
 
 
 def _stands(guess: Array, reference: Array) -> bool:

@@ -58,6 +58,7 @@ class Question:
         tracks, further, things: as `Scene.forecast` takes them.
         hand: what is held, a packed `Hand`; empty: nothing.
         added: shapes of assets that came later, see `Scene`: a guide in another process does not know them.
+        later: the arm sets off so much later than `tracks` are of [s].
     """
 
     seed: tuple[int, ...]
@@ -70,6 +71,7 @@ class Question:
     things: Array | None = None
     hand: bytes = b""
     added: tuple[Packed, ...] = ()
+    later: float = 0.0
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Question:
         return self
@@ -183,6 +185,22 @@ class Guide:
         """Return way points (W, n) that take the tool straight to a goal (7,) near by; W = 0: see `straight_line`."""
         return straight_line.straight_way(self.scene.chain, q, _pose(goal), self.scene.lower, self.scene.upper)
 
+    def line(self, q: Array, goal: Array, forecast: Forecast, *, waited: bool = False) -> tuple[Array, bool, bool]:
+        """Return way points (W, n) as `straight_way` does, whether they are free, and whether what bars them passes.
+
+        It does where they are free of all that does not move. A way that was waited for keeps whole margins: by those
+        that it is followed with it would be given up again half way, beside what the fingers go around.
+        """
+        points = self.straight_way(q, goal)
+        if not len(points):
+            return points, False, False
+        now = self.situation(q, forecast, points[-1:])
+        whole = not waited or self.router.first_blocked(now, points, now.allowed(now.margins(0))) is None
+        if whole and self.router.follows(points, now):
+            return points, True, False
+        still = replace(forecast, present=forecast.present & ~forecast.moving)
+        return points, False, self.router.follows(points, self.situation(q, still, points[-1:]))
+
     def why_no_way(self, q: Array, forecast: Forecast, goals: Array) -> Hindrance:
         """Return why no way leads from an arm that is at (n,) to joint goals (G, n), when none does; G may be zero."""
         now = self.situation(q, forecast, goals)
@@ -193,6 +211,7 @@ class Guide:
         guide = self.holding(question.hand)
         rng = np.random.default_rng(list(question.seed))
         forecast = guide.scene.forecast(question.tracks, question.further, question.things, question.added)
+        forecast = replace(forecast, later=question.later)
         goals = question.goals
         if question.more_goals:
             goals = together(goals, guide.joint_goals(question.q, question.goal, forecast, rng))

@@ -198,7 +198,7 @@ class Router:
         coarse = now.allowed(now.margins(now.goal_of(route)), share)
         blocked_at: float | None = None
         if route.to_goal and len(route.points):
-            route = self._shortcut(route, now, now.allowed(now.margins(now.goal_of(route), spare)), coarse)
+            route = self.shortcut(route, now, now.allowed(now.margins(now.goal_of(route), spare)), coarse)
             blocked_at = self.first_blocked(now, route.points, coarse)
             if blocked_at is None:
                 return route, False
@@ -309,7 +309,7 @@ class Router:
         limits = np.minimum(self._drawn[0], q), np.maximum(self._drawn[1], q)
         return lifting.lifted(self.scene.chain, q, height, limits, self.tuning.lift_steps)
 
-    def _shortcut(self, route: Route, now: Situation, margins: Array, coarse: Array) -> Route:
+    def shortcut(self, route: Route, now: Situation, margins: Array, coarse: Array) -> Route:
         """Drop way points that are reached, or needless from here.
 
         The motion rounds off a sharp corner and may never come up to its way point, so near one it is enough that the

@@ -20,7 +20,7 @@ from twin_diagram.planning.tasks.watching_hand import closing_on
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
-from twin_diagram.signals.layouts import ObjectStatus
+from twin_diagram.signals.layouts import POSE_SIZE, ObjectStatus, Track
 from twin_diagram.signals.pose_vectors import compose, errors, inverse, moved
 
 
@@ -103,13 +103,25 @@ def _nearest(X_WG: Array, seen: StepView, step: Step, library: Sequence[Takeable
 def look(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Wait until the object lies still in sight; then choose a grasp."""
     track = seen.tracks[step.target]
-    vague = np.sqrt(max(0.0, np.linalg.eigvalsh(track.covariance[3:, 3:])[-1])) > TUNING.vague
-    if track.status != ObjectStatus.TRACKED or vague or track.last_seen < min(state.since, seen.now - TUNING.settled):
+    if not _lies_still(track) or track.last_seen < min(state.since, seen.now - TUNING.settled):
         return state
     grasp = _grasp(state, seen, step, library, seen.X_WT[:4])
     if grasp is None:
         return fail(state, seen, Why.TOO_WIDE)
     return replace(state, grasp=grasp).entering(Phase.APPROACH, seen.now, before_grasp(grasp))
+
+
+def _lies_still(track: Track) -> bool:
+    """Tell whether an object is known to lie still, well enough to be taken."""
+    vague = np.sqrt(max(0.0, np.linalg.eigvalsh(track.covariance[3:, 3:])[-1])) > TUNING.vague
+    return track.status == ObjectStatus.TRACKED and not vague
+
+
+def first_goal(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> Array:
+    """Return from where the object would be taken (7), began the pick now; zeros: that is not known."""
+    known = _lies_still(seen.tracks[step.target])
+    grasp = _grasp(state, seen, step, library, seen.X_WT[:4]) if known else None
+    return np.zeros(POSE_SIZE) if grasp is None else before_grasp(grasp)
 
 
 def before_grasp(X_WG: Array) -> Array:
@@ -159,17 +171,25 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     if seen.opening < TUNING.empty:
         return again(state, seen, step, Why.MISSED)
     track = seen.tracks[step.target]
-    R_TW = np.kron(np.eye(2), rotations.matrix(seen.X_WT[:4]).T)
-    X_TO = compose(inverse(seen.X_WT), track.pose)
-    known = library[step.target]
+    hand, doubt = closed_on(seen.X_WT, seen, step, library)
+    state = replace(state, hand=hand, elsewhere=0, image=track.last_seen, past=no_past()).noting(Note.GRASPED, seen.now)
+    state = replace(state, lies=closing_on(hand.X_TO, doubt, seen), stood=track.pose[:4].copy())
+    return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, _rise(seen, step, library)])))
+
+
+def closed_on(X_WG: Array, seen: StepView, step: Step, library: Sequence[Takeable]) -> tuple[Hand, Array]:
+    """Return the hand once it has closed at X_WG (7): what it holds, where perception saw it and the fingers put it.
+
+    Beside it the covariance (6, 6) of where it lies in the hand as perception alone knows it.
+    """
+    track, known = seen.tracks[step.target], library[step.target]
+    R_TW = np.kron(np.eye(2), rotations.matrix(X_WG[:4]).T)
+    X_TO = compose(inverse(X_WG), track.pose)
     held = between_fingers(known.shape, X_TO)
     pieces = reached(known.pieces, X_TO) if held is None else (held,)
     doubt = R_TW @ track.covariance @ R_TW.T
     X_TO, covariance = centred(X_TO, doubt, pieces, TUNING.finger_error)
-    hand = Hand(step.target, NOTHING, True, X_TO, covariance, support=bearer(seen, step, library))
-    state = replace(state, hand=hand, elsewhere=0, image=track.last_seen, past=no_past()).noting(Note.GRASPED, seen.now)
-    state = replace(state, lies=closing_on(X_TO, doubt, seen), stood=track.pose[:4].copy())
-    return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, _rise(seen, step, library)])))
+    return Hand(step.target, NOTHING, True, X_TO, covariance, support=bearer(seen, step, library)), doubt
 
 
 def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:

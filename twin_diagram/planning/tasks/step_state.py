@@ -180,6 +180,34 @@ NUMBERS: Final = 13
 
 
 @dataclass(frozen=True)
+class After:
+    """Where the arm goes after the goal that it has.
+
+    Attributes:
+        goal: (7) X_WG of the tool; zeros: it is not known.
+        hand: what is held on the way there.
+        pause: the arm stays so long before it goes there, once it is where it is to be now [s].
+    """
+
+    goal: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
+    hand: Hand = field(default_factory=Hand)
+    pause: float = 0.0
+
+    def pack(self) -> Array:
+        """Return it as a vector of `AFTER_SIZE`."""
+        return np.concatenate([self.goal, self.hand.pack(), [self.pause]])
+
+    @staticmethod
+    def unpack(vector: Array) -> After:
+        """Return the inverse of `pack`; copies."""
+        return After(vector[:POSE_SIZE].copy(), Hand.unpack(vector[POSE_SIZE:-1]), float(vector[-1]))
+
+
+AFTER_SIZE: Final = POSE_SIZE + HAND_SIZE + 1
+"""Numbers of a packed `After`."""
+
+
+@dataclass(frozen=True)
 class TaskState:
     """All that is remembered.
 
@@ -201,7 +229,7 @@ class TaskState:
         lies: where what is held lies in the hand, or what was held last.
         past: (PAST_SIZE) where the tool was of late, while something is held; see `tool_past`.
         notes: (RING · NOTE_FIELDS) newest last.
-        after: (7) where the arm goes after `goal`, see `goal_after`; zeros: not known.
+        after: where the arm goes after `goal`, see `goal_after`.
         stood: (4) quaternion in W of what is held, or was held last, where it was taken.
     """
 
@@ -224,7 +252,7 @@ class TaskState:
     lies: InHand = field(default_factory=InHand)
     past: Array = field(default_factory=no_past)
     notes: Array = field(default_factory=lambda: np.tile([NEVER, *[0.0] * (NOTE_FIELDS - 1)], RING))
-    after: Array = field(default_factory=lambda: np.zeros(POSE_SIZE))
+    after: After = field(default_factory=After)
     stood: Array = field(default_factory=lambda: np.array([1.0, 0, 0, 0]))
 
     def entering(self, phase: Phase, now: float, goal: Array | None = None) -> TaskState:
@@ -244,7 +272,7 @@ class TaskState:
             self.elsewhere, self.image, self.opened, self.force, self.others,
         ]  # fmt: skip
         first = [np.array(numbers, dtype=float), self.goal, self.grasp, self.hand.pack()]
-        return np.concatenate([*first, self.lies.pack(), self.past, self.notes, self.after, self.stood])
+        return np.concatenate([*first, self.lies.pack(), self.past, self.notes, self.after.pack(), self.stood])
 
     @staticmethod
     def unpack(vector: Array) -> TaskState:
@@ -256,7 +284,7 @@ class TaskState:
         return TaskState(
             int(step), Phase(int(phase)), TaskOutcome(int(outcome)), Why(int(why)), begun, since, steady, int(attempt),
             int(elsewhere), image, opened, force, int(others), goal, grasp, Hand.unpack(hand), InHand.unpack(lies),
-            past, notes, after, stood,
+            past, notes, After.unpack(after), stood,
         )  # fmt: skip
 
 
@@ -264,7 +292,7 @@ _PARTS: Final = tuple(
     slice(*ends)
     for ends in pairwise(
         accumulate(
-            (0, NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE, IN_HAND_SIZE, PAST_SIZE, RING * NOTE_FIELDS, POSE_SIZE, 4)
+            (0, NUMBERS, POSE_SIZE, POSE_SIZE, HAND_SIZE, IN_HAND_SIZE, PAST_SIZE, RING * NOTE_FIELDS, AFTER_SIZE, 4)
         )
     )
 )
@@ -276,7 +304,9 @@ TOLD: Final = MappingProxyType(
         "step": slice(0, 1),
         "hand": _PARTS[3],
         "notes": _PARTS[6],
-        "next_goal": _PARTS[7],
+        "next_goal": slice(_PARTS[7].start, _PARTS[7].start + POSE_SIZE),
+        "next_hand": slice(_PARTS[7].start + POSE_SIZE, _PARTS[7].stop - 1),
+        "next_pause": slice(_PARTS[7].stop - 1, _PARTS[7].stop),
     }
 )
 """Where in a packed `TaskState` stands what goes out as it is, by the port's name."""

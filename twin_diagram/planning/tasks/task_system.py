@@ -20,7 +20,7 @@ from twin_diagram.planning.grasps.gripper import SHIPPED
 from twin_diagram.planning.grasps.kept_grasps import grasps_of
 from twin_diagram.planning.grasps.known_object import read_known
 from twin_diagram.planning.tasks import step_state
-from twin_diagram.planning.tasks.goal_after import goal_after
+from twin_diagram.planning.tasks.goal_after import before_task, goal_after
 from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.planning.tasks.in_hand import Eye
 from twin_diagram.planning.tasks.slips import told_of
@@ -46,6 +46,9 @@ class Tuning:
 
     ticks: float = 2.0
     """Of the task for one of the planner: a goal that changes waits for half a plan's period at most."""
+
+    foreseen: float = 1.5
+    """So long before a task begins its first goal is told [s]: what is previewed, and a search before that."""
 
 
 TUNING = Tuning()
@@ -136,6 +139,8 @@ class TaskRunner(LeafSystem):
         - hand
         - notes
         - next_goal
+        - next_hand
+        - next_pause
 
     Ports:
         arm_state: (2n) estimated joint angles [rad] and speeds [rad/s].
@@ -153,7 +158,9 @@ class TaskRunner(LeafSystem):
         outcome: (3) `step_state.TaskOutcome`, `step_state.Why`, `step_state.Phase`.
         hand: (HAND_SIZE) what is held or may be touched; see `signals.hand`.
         notes: (RING · NOTE_FIELDS) what happened to steps, newest last; see `step_state.told`.
-        next_goal: (7) where the arm goes after `goal`; zeros: it is not known.
+        next_goal: (7) where the arm goes after `goal`, also before the task begins; zeros: it is not known.
+        next_hand: (HAND_SIZE) what is held on the way there; see `signals.hand`.
+        next_pause: (1) how long the arm stays before it goes there, once it is where it is to be now [s].
 
     Rate: twice the planner's, a periodic discrete update. Latency: one period; the planner plans for the goal of the
     tick before. State: one discrete vector, see `step_state.TaskState`.
@@ -213,6 +220,8 @@ class TaskRunner(LeafSystem):
             "hand": (HAND_SIZE, lambda vector: vector[step_state.TOLD["hand"]]),
             "notes": (step_state.RING * step_state.NOTE_FIELDS, lambda vector: vector[step_state.TOLD["notes"]]),
             "next_goal": (POSE_SIZE, lambda vector: vector[step_state.TOLD["next_goal"]]),
+            "next_hand": (HAND_SIZE, lambda vector: vector[step_state.TOLD["next_hand"]]),
+            "next_pause": (1, lambda vector: vector[step_state.TOLD["next_pause"]]),
         }
         for name, (size, value) in outputs.items():
             self._declare_output(name, size, value)
@@ -255,13 +264,17 @@ class TaskRunner(LeafSystem):
     @timed("TaskRunner")
     def _tick(self, context: Context, discrete: DiscreteValues) -> EventStatus:
         state = self.remembered(context)
-        if state.phase is Phase.REST or context.get_time() < self._start - 1e-9:
+        begins = self._start - context.get_time()
+        if state.phase is Phase.REST or begins > TUNING.foreseen:
             return EventStatus.DidNothing()
         seen = self._seen(context)
         if seen is None:
             return EventStatus.DidNothing()
-        state = advance(state, seen, self._steps, self._library)
-        state = replace(state, after=goal_after(state, seen, self._steps, self._library))
+        if begins > 1e-9:
+            state = before_task(state, seen, self._steps, self._library, begins)
+        else:
+            state = advance(state, seen, self._steps, self._library)
+            state = replace(state, after=goal_after(state, seen, self._steps, self._library))
         discrete.set_value(int(self._state), cast(Any, state.pack()))
         return EventStatus.Succeeded()
 
