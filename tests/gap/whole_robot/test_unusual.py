@@ -17,6 +17,7 @@ from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import physical_fit
+from twin_diagram.gap.whole_robot import unusual as whole_unusual
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
 from twin_diagram.gap.whole_robot.concluding import confidences, of_offsets, own_units, what_each_brings
 from twin_diagram.gap.whole_robot.estimates import covariance
@@ -113,6 +114,30 @@ def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> 
     plain = problem()
     assert not unusual(plain, solve(plain), ARM).sums.further
     assert loaded(plain, solve(plain)) is None
+
+
+SPRING = effect("joint_spring", joints=["elbow_joint"], stiffness=[6.0], rest_angle=[0.5])
+
+
+@pytest.mark.parametrize(("added", "named"), [(OFFSET, []), (SPRING, ["joint_spring"])])
+def test_an_offset_is_no_spring_whose_curve_is_flat(added: Effect, named: list[str]) -> None:
+    """A curve took the place of an offset that had earned none yet, and was never held against it."""
+    start = problem(added)
+    found = unusual(start, solve(start), ARM, ("joint_spring",))
+    assert [c.name for c in found.sums.further] == named
+
+
+def test_a_curve_must_be_evident_beside_everything_usual(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One beside a true delay brought 14 nats so, and 24 of left-out motion: it held an offset and rough friction."""
+    start = problem(SPRING)
+    z = solve(start)
+    there = offered(terms_of(start.sums, ARM), ("joint_spring",))
+    straight, curve = (next(c for c in there if c.joints == (ELBOW,) and c.variant == v) for v in ("", "curve"))
+    left_out = LeftOut.of(start, z)
+    assert weighed(start, z, left_out, curve, 5) is not None
+    monkeypatch.setattr(whole_unusual, "rise_beside_the_usual", lambda *some: 14.0)
+    assert weighed(start, z, left_out, curve, 5) is None
+    assert weighed(start, z, left_out, straight, 5) is not None
 
 
 def test_a_strong_tilt_is_told_to_what_noise_leaves() -> None:

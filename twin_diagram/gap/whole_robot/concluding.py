@@ -14,12 +14,13 @@ from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.stiction import slides
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.believable import without_doubtful
 from twin_diagram.gap.whole_robot.beside_dry import damped, largest_share, told_beside_dry
 from twin_diagram.gap.whole_robot.beside_the_usual import offset_evidence
 from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
-from twin_diagram.gap.whole_robot.unusual import room_for, without_doubtful
+from twin_diagram.gap.whole_robot.unusual import room_for
 from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.model.effects.actuation import TorqueBias
 from twin_diagram.model.effects.inertia import Payload
