@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -14,9 +15,11 @@ from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.external_force import external_forces
 from twin_diagram.gap.candidates.payload import payload, payload_about
+from twin_diagram.gap.findings import Finding
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.search.proposals import active
-from twin_diagram.gap.whole_robot import physical_fit
+from twin_diagram.gap.whole_robot import concluding, physical_fit
+from twin_diagram.gap.whole_robot import unusual as whole_unusual
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
 from twin_diagram.gap.whole_robot.concluding import confidences, of_offsets, own_units, what_each_brings
 from twin_diagram.gap.whole_robot.estimates import covariance
@@ -115,6 +118,30 @@ def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> 
     assert loaded(plain, solve(plain)) is None
 
 
+SPRING = effect("joint_spring", joints=["elbow_joint"], stiffness=[6.0], rest_angle=[0.5])
+
+
+@pytest.mark.parametrize(("added", "named"), [(OFFSET, []), (SPRING, ["joint_spring"])])
+def test_an_offset_is_no_spring_whose_curve_is_flat(added: Effect, named: list[str]) -> None:
+    """A curve took the place of an offset that had earned none yet, and was never held against it."""
+    start = problem(added)
+    found = unusual(start, solve(start), ARM, ("joint_spring",))
+    assert [c.name for c in found.sums.further] == named
+
+
+def test_a_curve_must_be_evident_beside_everything_usual(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One beside a true delay brought 14 nats so, and 24 of left-out motion: it held an offset and rough friction."""
+    start = problem(SPRING)
+    z = solve(start)
+    there = offered(terms_of(start.sums, ARM), ("joint_spring",))
+    straight, curve = (next(c for c in there if c.joints == (ELBOW,) and c.variant == v) for v in ("", "curve"))
+    left_out = LeftOut.of(start, z)
+    assert weighed(start, z, left_out, curve, 5) is not None
+    monkeypatch.setattr(whole_unusual, "rise_beside_the_usual", lambda *some: 14.0)
+    assert weighed(start, z, left_out, curve, 5) is None
+    assert weighed(start, z, left_out, straight, 5) is not None
+
+
 def test_a_strong_tilt_is_told_to_what_noise_leaves() -> None:
     """By its first order about half of it, roll was 0.1947 and 38 standard errors off."""
     start = problem(effect("gravity_tilt", roll=0.2, pitch=0.25))
@@ -149,6 +176,28 @@ def test_an_offset_is_only_as_sure_as_motors_that_are_off_leave_it() -> None:
         told = of_offsets(start, z, brought)[unit][joint]
         assert brought[unit][joint] > 5.0
         assert told > 100.0 if there else told < 0.5
+
+
+@pytest.mark.parametrize(("added", "joint", "stays"), [(GAINS, ELBOW, False), (OFFSET, LIFT, True)])
+def test_an_offset_that_is_missed_stays_where_evidence_speaks_for_it(
+    added: Effect, joint: int, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of -2.6 N·m, known to 1.5, stood for a gain that was off, as left-out motion missed it (60280)."""
+    start = problem(added)
+    own = start.own_free.copy()
+    own[joint, OWN.index("bias")] = True
+    start = replace(start, own_free=own)
+    z = solve(start)
+    found = concluding.said_of(start, z, covariance(start, z))
+    assert found is not None
+    doubtful = ("torque_bias", ARM.joints[joint])
+
+    def lost(findings: Sequence[Finding]) -> set[tuple[str, str]]:
+        return {doubtful} & {(one.name, named) for one in findings for named in one.joints}
+
+    monkeypatch.setattr(concluding, "lost_names", lost)
+    kept = concluding.well_known(found)
+    assert kept is not None and bool(lost(kept.findings)) == stays
 
 
 def test_a_tilt_is_evident_beside_everything_usual_and_gains_that_are_off_are_none() -> None:

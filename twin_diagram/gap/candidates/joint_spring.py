@@ -14,7 +14,7 @@ from twin_diagram.gap.candidates.merging import TUNING as MERGING
 from twin_diagram.gap.candidates.merging import Parameters
 from twin_diagram.gap.candidates.records import EffectRecord, Wakes, register
 from twin_diagram.gap.candidates.wording import effort
-from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.gap.residuals.regressors import Terms, levers
 from twin_diagram.model.effects import Effect
 from twin_diagram.model.effects.actuation import TorqueBias
 from twin_diagram.model.effects.transmission import JointSpring
@@ -28,8 +28,9 @@ class Tuning:
     curve_pieces: tuple[int, ...] = (3, 6, 10)
     """Pieces of the cubic splines that stand for a torque as a function of the angle."""
 
-    least_range: float = 0.05
-    """A joint that goes through less than this shows no curve [rad]."""
+    least_piece: float = 0.045
+    """What a piece must span at least [rad]: dry friction builds up over up to 15 mrad, and is whole after three times
+    that. A curve whose pieces are shorter follows what friction does about the joint's turns."""
 
 
 TUNING = Tuning()
@@ -56,9 +57,10 @@ def _curves(terms: Terms, j: int) -> Iterator[Candidate | None]:
     """Splines of the angle, over the range that the joint has gone through."""
     everything = np.concatenate([terms.records.angles(r)[:, j] for r in terms.records.records])
     low, high = float(everything.min()), float(everything.max())
-    if high - low < TUNING.least_range:
-        return
+    least = TUNING.least_piece * float(levers(terms.records)[j])
     for pieces in TUNING.curve_pieces:
+        if high - low < pieces * least:
+            return
         inner = np.linspace(low, high, pieces + 1)
         knots = np.concatenate([[low] * 3, inner, [high] * 3])
         count = len(knots) - 4

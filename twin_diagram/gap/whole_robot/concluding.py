@@ -14,12 +14,13 @@ from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.stiction import slides
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.believable import without_doubtful
 from twin_diagram.gap.whole_robot.beside_dry import damped, largest_share, told_beside_dry
 from twin_diagram.gap.whole_robot.beside_the_usual import offset_evidence
 from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
 from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
-from twin_diagram.gap.whole_robot.unusual import room_for, without_doubtful
+from twin_diagram.gap.whole_robot.unusual import room_for
 from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.model.effects.actuation import TorqueBias
 from twin_diagram.model.effects.inertia import Payload
@@ -40,6 +41,10 @@ class Tuning:
 
     unsure: int = 4
     """Times that what honest errors leave unsure is taken out."""
+
+    likely: float = 0.5
+    """Rise of the evidence, beside links and gains that may be off, that an offset which is known no better than to a
+    third must bring to stay [nats]: one of 1.8 standard errors. Asked of all offsets it took true ones, too."""
 
     rough: float = 1.1
     """Times a third that an error may be: one that is told by five kinds of motion is itself known to a third."""
@@ -109,7 +114,8 @@ def well_known(found: WholeRobot) -> WholeRobot | None:
     """Return what was found without names that honest errors leave unsure; None where nothing is left.
 
     That comes last: what is unsure as long as something else has no name may be sure beside it. Offsets trade with
-    what gravity makes of links, which no motion parts; they stay where left-out motion misses them.
+    what gravity makes of links, which no motion parts; they stay where left-out motion misses them, and evidence
+    beside links and gains that may be off does not speak against them.
     """
     kept: set[tuple[str, str]] = set()
     for _ in range(TUNING.unsure):
@@ -117,7 +123,7 @@ def well_known(found: WholeRobot) -> WholeRobot | None:
         if not lost:
             break
         fewer = said_of(*sure_ones(without_names(found.problem, found.coordinates, lost)))
-        offsets = {one for one in lost if one[0] == TorqueBias.name}
+        offsets = likely_offsets(found, lost)
         if offsets and (fewer is None or missed_by(found, fewer) > TUNING.matters * len(lost)):
             kept |= offsets
             continue
@@ -127,6 +133,20 @@ def well_known(found: WholeRobot) -> WholeRobot | None:
         findings = tuple(replace(one, confidence=min(one.confidence, sure[one.name])) for one in fewer.findings)
         found = replace(fewer, findings=findings, separation=found.separation)
     return found
+
+
+def likely_offsets(found: WholeRobot, lost: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Return which of the lost names, each with its joint, are offsets that evidence beside links and gains speaks for.
+
+    Args:
+        found: with them.
+        lost: names that are known no better than to a third.
+    """
+    offsets = {one for one in lost if one[0] == TorqueBias.name}
+    if not offsets:
+        return offsets
+    brought = dict(zip(found.model.joints, offset_evidence(found.problem, found.coordinates), strict=True))
+    return {one for one in offsets if brought[one[1]] >= TUNING.likely}
 
 
 def missed_by(found: WholeRobot, fewer: WholeRobot) -> float:

@@ -13,11 +13,11 @@ import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.whole_arm import last_body
+from twin_diagram.gap.whole_robot.believable import believable
 from twin_diagram.gap.whole_robot.beside_the_usual import EVIDENT, rise_beside_the_usual
 from twin_diagram.gap.whole_robot.late_torque import later
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.unusual import (
-    believable,
     carried,
     offered,
     recentred,

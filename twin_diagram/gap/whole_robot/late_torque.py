@@ -18,11 +18,11 @@ from twin_diagram.gap.candidates.time_delay import delay
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.search.golden_section import least
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.believable import TUNING as BELIEVABLE
 from twin_diagram.gap.whole_robot.concluding import corrected
 from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import TorqueEquations, low_passed
-from twin_diagram.gap.whole_robot.unusual import TUNING as UNUSUAL
 from twin_diagram.gap.whole_robot.unusual import terms_of
 from twin_diagram.model.dynamics.onsets import shifted as later_signal
 from twin_diagram.signals.arrays import Array
@@ -71,7 +71,7 @@ def later(problem: RobotProblem, z: Array, candidate: Candidate) -> Candidate | 
         candidate: a delay to first order.
     """
     seconds = likeliest_shift(problem, z)
-    if seconds <= (1.0 + UNUSUAL.edge) * float(candidate.lower[0]):
+    if seconds <= (1.0 + BELIEVABLE.edge) * float(candidate.lower[0]):
         return None
     if problem.n > 1 and _of_one(problem, z, seconds):
         return None

@@ -15,8 +15,9 @@ from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.candidates.whole_arm import last_body, reach
 from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.gap.whole_robot.believable import believable
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, known_spreads, solve, with_noise
-from twin_diagram.gap.whole_robot.unusual import believable, carried, offered, terms_of, with_candidate
+from twin_diagram.gap.whole_robot.unusual import carried, offered, terms_of, with_candidate
 from twin_diagram.model.effects.actuation import TorqueConstant
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.signals.arrays import Array

@@ -16,7 +16,7 @@ from twin_diagram.gap.candidates.gravity_tilt import tilt
 from twin_diagram.gap.candidates.records import RECORDS, record_of
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.residuals.regressors import Terms, slow_speed
-from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.believable import believable
 from twin_diagram.gap.whole_robot.beside_the_usual import EVIDENT, rise_beside_the_usual
 from twin_diagram.gap.whole_robot.beside_the_usual import TUNING as BESIDE
 from twin_diagram.gap.whole_robot.colour_of_noise import quietest, whitened
@@ -98,18 +98,6 @@ class Tuning:
     most: int = 4
     """That are named at most: so many things at once rather follow something that has no name."""
 
-    sure: float = 0.3
-    """No name where the standard error is more than this share of the value: of so many names some always suits."""
-
-    third: float = 1.0 / 3.0
-    """The same of a payload: whether it is there is decided by evidence."""
-
-    edge: float = 0.05
-    """Share beyond the least that a name can say, up to which it says nothing: logs themselves may lag by a sample."""
-
-    beyond_own: float = 2.0
-    """Times the last link's own doubt that a payload must weigh."""
-
 
 TUNING = Tuning()
 
@@ -147,7 +135,7 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
         names: that are looked for.
     """
     terms = terms_of(problem.sums, model)
-    last = last_body(terms)
+    last, offsets = last_body(terms), offered(terms, (TorqueBias.name,))
     steady = [c for c in offered(terms, names) if not any(same(c, other) for other in problem.sums.further)]
     z = start
     problem, z = pushed_rightly(problem, z, terms)
@@ -155,7 +143,9 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
         left_out = LeftOut.of(problem, z)
         pushed = ExternalForce.name in (c.name for c in problem.sums.further)
         there = steady + (pushes(problem, z, terms) if ExternalForce.name in names and not pushed else [])
-        tried = [weighed(problem, z, left_out, there[k], last) for k in worth_trying(ReadyFits.of(left_out), there)]
+        tried = [
+            weighed(problem, z, left_out, there[k], last) for k in worth_trying(ReadyFits.of(left_out), there, offsets)
+        ]
         best = likeliest([one for one in tried if one is not None])
         if best is None:
             break
@@ -199,9 +189,9 @@ def weighed(problem: RobotProblem, z: Array, left_out: LeftOut, candidate: Candi
         tried = with_noise(tried, fitted)
         fitted = solve(tried, None, fitted)
     rms, after = LeftOut.of(tried, fitted).rms, with_noise(tried, fitted)
-    due = price(candidate) + asked(problem, candidate)
+    due, before = price(candidate) + asked(problem, candidate), [left_out.rms, *beside_rivals(problem, z, candidate)]
     gain, loud = (
-        float(np.sum(likelihood(judge, rms) - likelihood(judge, left_out.rms))) - due
+        float(np.sum(likelihood(judge, rms)) - max(np.sum(likelihood(judge, one)) for one in before)) - due
         for judge in (whitened(problem, after, candidate), quietest(problem, after))
     )
     if gain <= 0.0 or not believable(tried):
@@ -211,12 +201,32 @@ def weighed(problem: RobotProblem, z: Array, left_out: LeftOut, candidate: Candi
     return Weighed(candidate, tried, gain, loud)
 
 
+def beside_rivals(problem: RobotProblem, z: Array, candidate: Candidate) -> list[Array]:
+    """Return (n,) what left-out motion leaves where what a candidate takes the place of is there instead [N·m].
+
+    What earned no place by itself may have been weighed beside something that stood in for it: a spring's level is an
+    offset, and is no reason for a spring. Empty where nothing is displaced that is not there already.
+
+    Args:
+        problem: without the candidate.
+        z: (Z,) its coordinates.
+        candidate: what is weighed.
+    """
+    own = problem.own_free | displaced(candidate, problem.n)
+    if np.array_equal(own, problem.own_free):
+        return []
+    rival = replace(problem, own_free=own)
+    return [LeftOut.of(rival, solve(rival, None, z)).rms]
+
+
 def stands_by(candidate: Candidate) -> float:
     """Return what a candidate must bring beside everything usual [nats]; 0 where left-out motion alone judges it."""
     if candidate.onset is not None:
         return price(candidate) + TUNING.event
     if candidate.name in EVIDENT:
         return BESIDE.evident
+    if candidate.name == JointSpring.name and candidate.variant:  # a curve bends to what friction does about its turns
+        return BESIDE.evident + price(candidate)
     return TUNING.shifted if candidate.name == EncoderOffset.name else 0.0
 
 
@@ -244,15 +254,22 @@ def pushed_rightly(problem: RobotProblem, z: Array, terms: Terms) -> tuple[Robot
     return problem, z
 
 
-def worth_trying(beside: ReadyFits, there: list[Candidate]) -> list[int]:
+def worth_trying(beside: ReadyFits, there: list[Candidate], offsets: list[Candidate]) -> list[int]:
     """Return which candidates are fitted in full: the best to first order, and pushes, which were looked for before.
 
     Args:
         beside: fits without them.
         there: candidates.
+        offsets: of joints, of which some of the candidates take the place.
     """
-    pushed = [k for k, c in enumerate(there) if c.name == ExternalForce.name]
-    screened = [beside.gain(c) - price(c) - TUNING.screened * asked(beside.left_out.problem, c) for c in there]
+    problem, pushed = beside.left_out.problem, [k for k, c in enumerate(there) if c.name == ExternalForce.name]
+    bare = ~problem.own_free[:, OWN.index("bias")]
+    level = {c.joints: max(beside.gain(c), 0.0) for c in offsets if bare[c.joints[0]]}
+    instead = [level.get(c.joints, 0.0) if np.any(displaced(c, problem.n)) else 0.0 for c in there]
+    screened = [
+        beside.gain(c) - less - price(c) - TUNING.screened * asked(problem, c)
+        for c, less in zip(there, instead, strict=True)
+    ]
     order = [int(k) for k in np.argsort(screened)[::-1] if screened[k] > 0.0 and k not in pushed][: TUNING.tried]
     return order + pushed
 
@@ -301,8 +318,9 @@ def still_needed(problem: RobotProblem, z: Array) -> RobotProblem:
             whiter = whitened(problem, with_noise(problem, z), candidate)
             rest = [c for c in problem.sums.further if c is not candidate]
             fewer = replace(problem, sums=problem.sums.with_further(rest))
-            left = LeftOut.of(fewer, solve(fewer, None, carried(problem, z, fewer))).rms
-            lost = float(np.sum(likelihood(whiter, now.rms) - likelihood(whiter, left)))
+            plain = solve(fewer, None, carried(problem, z, fewer))
+            left = [LeftOut.of(fewer, plain).rms, *beside_rivals(fewer, plain, candidate)]
+            lost = float(np.sum(likelihood(whiter, now.rms)) - max(np.sum(likelihood(whiter, one)) for one in left))
             margin = lost - price(candidate) - least(candidate)
             if margin < 0.0 and candidate.name in EVIDENT:
                 margin = rise_beside_the_usual(problem, z, candidate) - stands_by(candidate)
@@ -358,43 +376,15 @@ def room_for(sums: TorqueEquations, last: int) -> tuple[Chosen, Chosen]:
     """Return which links (n,) and joints' own terms (n, 4) may be there beside the further candidates."""
     links, own = np.ones(sums.n, dtype=bool), np.ones((sums.n, len(OWN)), dtype=bool)
     for candidate in sums.further:
-        if TorqueBias.name in record_of(candidate.name).rivals:
-            own[list(candidate.joints), OWN.index("bias")] = False
+        own &= ~displaced(candidate, sums.n)
         if candidate.name == Payload.name:
             links[last] = False
     return links, own
 
 
-def believable(problem: RobotProblem, at: int = -1) -> bool:
-    """Return whether a further candidate can be, is known well enough, and is no doubt of the description.
-
-    Args:
-        problem: with it.
-        at: which of the further ones.
-    """
-    z = solve(problem)
-    at = at % len(problem.sums.further)
-    candidate, s = problem.sums.further[at], problem.place(at)
-    covariance = estimates.covariance(with_noise(problem, z), z)[s, s]  # what it explains is no noise
-    least = (candidate.lower > 0.0) & (z[s] <= (1.0 + TUNING.edge) * candidate.lower)
-    if not candidate.allows(z[s]) or np.any(least):  # no more than what is no effect at all
-        return False
-    if candidate.name == Payload.name:
-        own, mass = estimates.own_doubt(problem), abs(z[s][0])
-        return bool(mass > TUNING.beyond_own * own and np.hypot(np.sqrt(covariance[0, 0]), own) < TUNING.third * mass)
-    if candidate.name in EVIDENT:  # gains that have no name would be noise here, which evidence counts against it
-        return True
-    # A straight spring's level alone would be an offset.
-    told = slice(0, 1) if candidate.name == JointSpring.name and not candidate.variant else slice(None)
-    size, spread, number = z[s][told], covariance[told, told], min(counted(candidate), len(z[s][told]))
-    return float(np.sqrt(size @ np.linalg.pinv(spread, hermitian=True) @ size / number)) > 1.0 / TUNING.sure
-
-
-def without_doubtful(problem: RobotProblem) -> RobotProblem:
-    """Return the problem without further candidates that are believable no more beside what came after them."""
-    while True:
-        doubtful = [k for k in range(len(problem.sums.further)) if not believable(problem, k)]
-        if not doubtful:
-            return problem
-        kept = [c for k, c in enumerate(problem.sums.further) if k != doubtful[0]]
-        problem = replace(problem, sums=problem.sums.with_further(kept))
+def displaced(candidate: Candidate, n: int) -> Chosen:
+    """Return (n, 4) which of n joints' own terms a candidate takes the place of."""
+    result = np.zeros((n, len(OWN)), dtype=bool)
+    if TorqueBias.name in record_of(candidate.name).rivals:
+        result[list(candidate.joints), OWN.index("bias")] = True
+    return result
