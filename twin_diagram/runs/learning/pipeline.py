@@ -248,7 +248,7 @@ class Learner:
             shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
             return False
         if told["outcome"] != "shown":
-            raise NothingHeld("it could not be taken from the platform again")
+            raise NothingHeld("; ".join(["it could not be taken from the platform again", *shown.notes[-1:]]))
         return True
 
     def _put_away(self, name: str, shown: ShownObject) -> PutDown:
