@@ -16,6 +16,8 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 
 from twin_diagram.assets import shapes
+from twin_diagram.assets.building.inertia import solid_of
+from twin_diagram.assets.building.surface import weld
 from twin_diagram.assets.description import AssetSpec, CollisionShape, sdf, shell_inertia, solid_inertia
 from twin_diagram.assets.mesh import write_obj
 from twin_diagram.assets.shapes import Patchwork
@@ -64,7 +66,10 @@ def write_can(
 def write_bottle(
     folder: str | Path, name: str, radius: float, height: float, texture_seed: int = 0, mass: float = 0.5
 ) -> Path:
-    """Write a bottle whose texture breaks its symmetry about z, O on the axis half-way up; return its folder."""
+    """Write a full bottle whose texture breaks its symmetry about z, O on the axis half-way up; return its folder.
+
+    Its centre of mass lies below O, as its neck is narrow: what is told of it is of an even body within its surface.
+    """
     _check(name, mass, radius, height)
     body, top = 0.72 * height, 0.82 * height
     solids = [
@@ -135,6 +140,10 @@ def _write(folder: Path, spec: AssetSpec, patchwork: Patchwork, contact: Sequenc
     write_obj(patchwork.mesh, folder / spec.visual, np.round(colour * 255).astype(np.uint8))
     if spec.shape == "mug":
         com, inertia = shell_inertia(patchwork.mesh, spec.mass)
+    elif spec.shape == "bottle":
+        mesh = patchwork.mesh
+        body = solid_of(weld(mesh.vertices[mesh.faces]))
+        com, inertia = body.centre, body.inertia(spec.mass)
     else:
         com, inertia = np.zeros(3), solid_inertia(spec)
     atomic_file.write(folder / "model.sdf", sdf(spec, com, inertia, contact=contact).encode())

@@ -16,7 +16,7 @@ import pytest
 from tests.runs.learning.held_box import shown, turned
 from twin_diagram.errors import StationError, TwinError
 from twin_diagram.estimation.weighing import WeighingError
-from twin_diagram.runs.learning import handling, pipeline
+from twin_diagram.runs.learning import handling, pipeline, swinging
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.finishing import finish
@@ -418,7 +418,7 @@ def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(
         raise WeighingError("no motion keeps the limit of grip")
 
     monkeypatch.setattr(handling, "show_again", show_again)
-    monkeypatch.setattr(handling, "weigh_held", weigh_held)
+    monkeypatch.setattr(swinging, "weigh_held", weigh_held)
     run._weigh("object_01", held, tmp_path)
     assert grasps == [1, 2] and held.notes == ["not weighed: no motion keeps the limit of grip"] * 2
     grasps.clear()

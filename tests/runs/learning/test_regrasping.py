@@ -55,6 +55,24 @@ def test_the_picture_alone_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -
     assert asked[:3] == [0, 0, 0] and min(asked[3:]) > 0 and len(asked) == 5
     assert found is not None
     np.testing.assert_allclose(found[1], np.linalg.inv(X_WS), atol=2e-3)
+    assert (
+        len(shown.notes) == 4
+        and "try 3 of taking it from the platform: no grasp is reached, it is seen at" in (shown.notes[2])
+    )
+    assert "the fingers held nothing" in shown.notes[3]
+
+
+def test_what_is_gone_from_the_platform_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ring lay on the table beside the platform, and all that was told was that it could not be taken again."""
+    cloud, outward = block((0.04, 0.05, 0.08))
+    shown = ShownObject(Followed(points=cloud, normals=outward))
+    for name in ("on_platform", "reach_of"):
+        monkeypatch.setattr(regrasping, name, lambda *told: None)
+    X_WS = np.eye(4)
+    X_WS[:3, 3] = AT + [0.0, 0.0, 0.04]
+    learning = Learning(platform=[[0.42, -0.1, 0.0], [0.62, 0.1, 0.06]], tries=1)
+    assert take_again(NOBODY, NOBODY, learning, gripper_of("wsg50"), shown, X_WS, lambda grasps, X: []) is None
+    assert len(shown.notes) == 2 and all("nothing is seen there" in note for note in shown.notes)
 
 
 def block(size: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:

@@ -21,10 +21,11 @@ from twin_diagram.estimation.weighing.excitation import NotClear
 from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model import Model
-from twin_diagram.runs.learning import handling, weighing
+from twin_diagram.runs.learning import swinging, weighing
 from twin_diagram.runs.learning.cell import TUNING as CELL
 from twin_diagram.runs.learning.cell import Cell, Recording
 from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.record import SWUNG
 from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.swung_log import Swung, read_swung, slipped, way_slipped, write_swung
 from twin_diagram.runs.learning.weighing import Slipping, first_mass, grip_on, share_of, swing
@@ -192,8 +193,8 @@ def test_what_cannot_be_swung_was_weighed_at_rest(
     def no_motion(*rest: Any) -> None:
         raise WeighingError("no motion about this posture is clear")
 
-    monkeypatch.setattr(handling, "weigh_at_rest", lambda model, mover, cell: 0.9)
-    monkeypatch.setattr(handling, "swing_held", no_motion)
+    monkeypatch.setattr(swinging, "weigh_at_rest", lambda model, mover, cell: 0.9)
+    monkeypatch.setattr(swinging, "swing_held", no_motion)
     learning = scenario.Learning(into_bin=[[0.276, 0.166, 0.007], [0.564, 0.554, 0.12]])
     mover = SimpleNamespace(blocked=lambda low, high: nullcontext())
     tools: Any = SimpleNamespace(
@@ -201,8 +202,54 @@ def test_what_cannot_be_swung_was_weighed_at_rest(
     )
     shown = ShownObject(Followed(points=np.zeros((1, 3))), [np.eye(4)])
     with pytest.raises(WeighingError, match="no motion"):
-        handling.weigh_held(tools, shown, tmp_path)
+        swinging.weigh_held(tools, shown, tmp_path)
     assert shown.mass_at_rest == told and shown.swung is None
+
+
+@pytest.mark.parametrize(
+    ("ways", "kept", "notes"),
+    [
+        ([0.004], 0.004, 0),
+        ([0.036, 0.002], 0.002, 1),
+        ([0.036, 0.012], 0.012, 2),
+        ([0.020, 0.036], 0.020, 2),
+        ([0.036, None], 0.036, 2),
+    ],
+)
+def test_what_slid_far_is_swung_once_more_and_kept_where_it_slid_less(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ways: list[float | None], kept: float, notes: int
+) -> None:
+    """By 36 mm and 38° a loaded bottle slid between the fingers, and its inertia was told as sure as any."""
+    asked, left = list[float](), list(ways)
+
+    def swing_held(driven: Any, mover: Any, cell: Any, X_TS: Array, *rest: Any) -> Any:
+        asked.append(rest[-1])
+        if left[0] is None:
+            raise Slipping("it turns between the fingers")
+        return replace(swung(), X_TS=X_TS, way=None), SimpleNamespace(number=len(asked))
+
+    def found_again(seen: Any, pictures: Any, X_ST: Array, crept: Any) -> Array:
+        moved = X_ST.copy()
+        moved[2, 3] += left.pop(0) or 0.0
+        return moved
+
+    monkeypatch.setattr(swinging, "weigh_at_rest", lambda model, mover, cell: 0.9)
+    for name, stage in (("swing_held", swing_held), ("found_again", found_again)):
+        monkeypatch.setattr(swinging, name, stage)
+    for name in ("_glance", "_find_turned", "hold_seen"):
+        monkeypatch.setattr(swinging, name, lambda *told: [])
+    mover = SimpleNamespace(blocked=lambda low, high: nullcontext())
+    tools: Any = SimpleNamespace(
+        learning=scenario.Learning(), mover=mover, cell=SimpleNamespace(opening=0.04), model=None, driven=None
+    )
+    shown = ShownObject(Followed(points=np.zeros((1, 3))), [np.eye(4)])
+    assert swinging.weigh_held(tools, shown, tmp_path) == 0.9
+    assert asked == [1.0, swinging.TUNING.gentler][: len(ways)]
+    assert read_swung(tmp_path / SWUNG).slip[0] == pytest.approx(kept)
+    told: Any = shown.swung
+    assert told.number == (1 if kept == ways[0] else 2), "the empty hand is swung as what is kept was"
+    assert len(shown.notes) == notes and all("mm and 0°" in note for note in shown.notes[:1])
+    assert shown.X_ST[-1][2, 3] == pytest.approx(sum(way or 0.0 for way in ways)), "where it is held now"
 
 
 def test_what_has_no_room_about_one_posture_is_swung_about_another(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,8 @@ from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, plain
 from twin_diagram.runs.learning.shape_worker import SHAPE, read_shape
 from twin_diagram.runs.learning.shown_object import ShownObject
-from twin_diagram.runs.learning.swung_log import read_swung
+from twin_diagram.runs.learning.swung_log import TUNING as SLID
+from twin_diagram.runs.learning.swung_log import read_swung, slid_by
 from twin_diagram.runs.learning.taken_again import note_taken_again
 from twin_diagram.runs.learning.weighing import inertia_of
 from twin_diagram.signals.arrays import Array
@@ -50,18 +51,25 @@ def finish(record: LearningRecord, one: Learned, model: Model, learned: Sequence
     try:
         if not (folder / SHAPE).is_file():
             raise TwinError("it has no shape yet")
-        one.figures.pop("not weighed", None)
+        for gone in ("not weighed", "mass_swung"):
+            one.figures.pop(gone, None)
         shape, measured = read_shape(folder), None
         if (folder / SWUNG).is_file():
             empty = record.folder / SWUNG
             try:
-                measured = inertia_of(
-                    model, read_swung(folder / SWUNG), read_swung(empty) if empty.is_file() else None, shape
-                )
+                swung = read_swung(folder / SWUNG)
+                measured = inertia_of(model, swung, read_swung(empty) if empty.is_file() else None, shape)
+                if slid_by(swung, SLID.too_far) >= 1.0:
+                    one.figures["mass_swung"] = [measured.mass, measured.mass_std]
+                    one.figures["not weighed"] = (
+                        f"it slid by {1e3 * swung.slip[0]:.0f} mm and {np.rad2deg(swung.slip[1]):.0f}° in the fingers "
+                        "while it was swung: that tells its mass alone"
+                    )
+                    measured = None
             except Exception as error:  # of logs, files, solvers: its shape is still worth an asset
                 one.figures["not weighed"] = in_words(error)
         felt: dict[str, Any] = {
-            name: one.figures[name] for name in ("mass_at_rest", "centre_felt") if name in one.figures
+            name: one.figures[name] for name in ("mass_at_rest", "mass_swung", "centre_felt") if name in one.figures
         }
         figures = write_learned(one.name, record.library, shape, np.array(one.R_WS), measured, felt)
         one.figures = {**one.figures, **plain(figures)}
@@ -103,13 +111,7 @@ def write_learned(
     middle = 0.5 * (low + high)
     corners = turned - middle
     if measured is None:
-        solid = solid_of(weld(corners))
-        mass = felt.get("mass_at_rest") if felt else None
-        own = from_shape_alone(solid, FROM_MESH.density if mass is None else mass / solid.volume)
-        if mass is not None:
-            own = replace(own, mass_std=TUNING.at_rest, by={**own.by, "mass": "partly"})
-        if felt and "centre_felt" in felt:
-            own = pulled(own, Centre(*(np.array(part) for part in felt["centre_felt"])), shape, R_WS, middle)
+        own = by_shape(corners, shape, R_WS, middle, felt or {})
     else:
         found = measured.turned(R_WS)
         own = replace(found, centre=found.centre - middle)
@@ -137,6 +139,30 @@ def write_learned(
         "R_OS": R_WS,
         "p_OS": -(middle + own.centre),
     }
+
+
+def by_shape(
+    corners: Array, shape: ColouredSurface, R_WS: Array, middle: Array, felt: Mapping[str, Any]
+) -> MeasuredInertia:
+    """Return what a shape says of what was not swung, or slid too far, with what was felt of it.
+
+    Args:
+        corners: (F, 3, 3) of its surface about `middle`, in axes of W.
+        shape: the same in S.
+        R_WS: (3, 3) axes of S in those of W.
+        middle: (3,) of that surface in these axes [m].
+        felt: see `write_learned`.
+    """
+    solid = solid_of(weld(corners))
+    mass, std, by = felt.get("mass_at_rest"), TUNING.at_rest, "partly"
+    if "mass_swung" in felt:
+        (mass, std), by = felt["mass_swung"], "measured"
+    own = from_shape_alone(solid, FROM_MESH.density if mass is None else mass / solid.volume)
+    if mass is not None:
+        own = replace(own, mass_std=std, by={**own.by, "mass": by})
+    if "centre_felt" in felt:
+        own = pulled(own, Centre(*(np.array(part) for part in felt["centre_felt"])), shape, R_WS, middle)
+    return own
 
 
 def pulled(own: MeasuredInertia, felt: Centre, shape: ColouredSurface, R_WS: Array, middle: Array) -> MeasuredInertia:

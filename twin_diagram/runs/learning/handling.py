@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -22,20 +22,19 @@ from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.choosing import Choice
 from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of
-from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
+from twin_diagram.runs.learning.display import display
 from twin_diagram.runs.learning.felt_weight import Centre, Felt, centre_felt
-from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew, found_again
+from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew
 from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import go, lift_over, take
-from twin_diagram.runs.learning.record import SWUNG, LearningError
+from twin_diagram.runs.learning.record import LearningError
 from twin_diagram.runs.learning.regrasping import take_again
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runs.learning.steady_picture import refuse_blind, steady_picture
-from twin_diagram.runs.learning.swung_log import slipped, write_swung
-from twin_diagram.runs.learning.weighing import Slipping, first_mass, swing_empty, swing_held, weigh_at_rest
+from twin_diagram.runs.learning.weighing import first_mass
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
 
@@ -46,18 +45,6 @@ class Tuning:
 
     regrasped: tuple[float, float] = (0.004, 0.04)
     """How well the place of what was taken again is known [m], [rad]: what shutting fingers push it by."""
-
-    glances: int = 6
-    """Pictures of what is held after it was swung."""
-
-    glance: tuple[float, ...] = (0.7,)
-    """Tilts of the tool at which they are taken [rad]: sides and far end show alike."""
-
-    crept: tuple[float, float] = (0.006, 0.03)
-    """By how much it may have crept meanwhile, as standard deviations [m], [rad]."""
-
-    turned: tuple[float, float] = (0.02, 0.4)
-    """By how much it may have turned where it was noticed at once, as standard deviations [m], [rad]."""
 
     same_place: float = 0.04
     """A thing within this of one that was given up is that one [m]."""
@@ -70,9 +57,6 @@ class Tuning:
 
     fallen: float = 0.05
     """Half of the size of something that was let fall [m], for who puts others beside it."""
-
-    tallest: float = 0.22
-    """Height of what may stand in the other bin while things are swung [m]: a cracker box on its end."""
 
     platform_spots: tuple[float, ...] = (0.0, 0.03, -0.03)
     """Off the platform's middle where things are set down [m]."""
@@ -272,66 +256,6 @@ def show_again(tools: Tools, shown: ShownObject, firm: bool = False) -> bool:
     feel(tools, shown, felt)
     look_over(tools, shown)
     return True
-
-
-def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
-    """Swing what is held, keep the arm's messages in a folder, and return the mass that was first thought of [kg].
-
-    Raises:
-        NoWay: there is no room for it.
-        WeighingError: no motion is within the limits.
-        NothingHeld: it was lost.
-    """
-    X_TS = np.asarray(np.linalg.inv(shown.X_ST[-1]), dtype=float)
-    low, high = (np.array(corner) for corner in tools.learning.into_bin)
-    # The empty hand is swung alike when one thing more stands there.
-    with tools.mover.blocked(low, np.array([*high[:2], low[2] + TUNING.tallest])):
-        try:
-            mass = weigh_at_rest(tools.model, tools.mover, tools.cell)
-            shown.mass_at_rest = mass if tools.cell.opening > PICKING.empty else shown.mass_at_rest
-            points = shown.followed.points
-            held = X_TS, points, (shown.centre or Centre.within(points)).mean, tools.learning.weigh_seconds
-            swung, shown.swung = swing_held(tools.driven, tools.mover, tools.cell, *held, mass)
-        except Slipping:
-            _find_turned(tools, shown)
-            raise
-    if tools.cell.opening < PICKING.empty:
-        raise NothingHeld("it was lost while it was swung")
-    # Swinging makes it creep in the hand: where it is afterwards is seen.
-    try:
-        X_ST = found_again(shown.followed, _glance(tools, shown), shown.X_ST[-1], TUNING.crept)
-        if X_ST is not None:
-            swung = slipped(swung, np.asarray(np.linalg.inv(X_ST), dtype=float))
-            shown.R_WT = shown.R_WT @ shown.X_ST[-1][:3, :3].T @ X_ST[:3, :3]
-            shown.X_ST[-1] = X_ST
-            hold_seen(tools, shown)
-    except NoWay as why:
-        shown.notes.append(f"not looked at after it was swung: {why}")
-    write_swung(folder / SWUNG, swung)
-    return mass
-
-
-def _glance(tools: Tools, shown: ShownObject) -> list[HeldPicture]:
-    """Return a few pictures of what is held."""
-    few = replace(tools.learning, frames=TUNING.glances)
-    return display(tools.mover, tools.cell, few, tools.robot, len(shown.X_ST) - 1, TUNING.glance)
-
-
-def _find_turned(tools: Tools, shown: ShownObject) -> None:
-    """See how what was about to slip out of the hand lies in it now; the pictures are not kept."""
-    X_ST = follow(shown.followed, _glance(tools, shown), shown.X_ST[-1], TUNING.turned).X_ST[-1]
-    shown.R_WT, shown.X_ST[-1] = shown.R_WT @ shown.X_ST[-1][:3, :3].T @ X_ST[:3, :3], X_ST
-    hold_seen(tools, shown)
-
-
-def weigh_empty(tools: Tools, shown: ShownObject, opening: float, file: Path) -> None:
-    """Swing the empty hand as the object was, with the fingers as far apart, and keep the arm's messages in a file.
-
-    Raises:
-        NoWay: there is no way to where that begins.
-    """
-    if shown.swung is not None:
-        write_swung(file, swing_empty(tools.model, tools.mover, tools.cell, shown.swung, opening))
 
 
 def keep_clear(tools: Tools, standing: Sequence[PutDown]) -> None:

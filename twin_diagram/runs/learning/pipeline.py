@@ -13,7 +13,7 @@ import numpy as np
 
 from twin_diagram.errors import StationError, TwinError
 from twin_diagram.estimation.weighing import WeighingError
-from twin_diagram.runs.learning import handling, picking
+from twin_diagram.runs.learning import handling, picking, swinging
 from twin_diagram.runs.learning.bin_view import SeenThing, narrowest, save_picture
 from twin_diagram.runs.learning.camera_check import correct_cameras
 from twin_diagram.runs.learning.cell import Picture
@@ -203,7 +203,7 @@ class Learner:
             empty = self.record.folder / SWUNG
             if shown.swung is not None and not empty.is_file():
                 with self._stage(name, "swing the empty hand"):
-                    handling.weigh_empty(self.tools, shown, opening, empty)
+                    swinging.weigh_empty(self.tools, shown, opening, empty)
         except (NoWay, NothingHeld, StationError) as why:  # of a camera that stopped the next look tells
             one.why = str(why)
             self._let_go(one)
@@ -248,7 +248,7 @@ class Learner:
             shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
             return False
         if told["outcome"] != "shown":
-            raise NothingHeld("it could not be taken from the platform again")
+            raise NothingHeld("; ".join(["it could not be taken from the platform again", *shown.notes[-1:]]))
         return True
 
     def _put_away(self, name: str, shown: ShownObject) -> PutDown:
@@ -289,7 +289,7 @@ class Learner:
         for last in (False, True):
             try:
                 with self._stage(name, "weigh") as told:
-                    told["mass"] = handling.weigh_held(self.tools, shown, folder)
+                    told["mass"] = swinging.weigh_held(self.tools, shown, folder)
                     assert shown.swung is not None
                     told["use"] = shown.swung.use
                 return

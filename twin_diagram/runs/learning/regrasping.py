@@ -63,16 +63,15 @@ class Tuning:
 TUNING = Tuning()
 
 
-def stands_at(cell: Cell, learning: Learning, seen: Followed, X_WS: Array) -> Array:
+def stands_at(one: SeenThing | None, learning: Learning, seen: Followed, X_WS: Array) -> Array:
     """Return the pose X_WS (4, 4) of what was set down on the platform, as the camera sees it there.
 
     Args:
-        cell: whose camera looks.
+        one: of `on_platform`.
         learning: where the platform is.
         seen: the object's cloud in S.
         X_WS: by where the fingers let go.
     """
-    one = on_platform(cell, learning)
     if one is None:
         return X_WS
     points, normals = one.points[:1500], one.normals[:1500]
@@ -165,7 +164,7 @@ def take_again(
         cell: whose arm is empty.
         learning: where the platform is.
         gripper: that takes it.
-        shown: the object, with its cloud and what was felt of its weight in S.
+        shown: the object, with its cloud and what was felt of its weight in S; notes why tries failed.
         X_WS: (4, 4) by where the fingers let go.
         order: numbers of grasps in W of what stands at X_WS (4, 4), those first that are wanted most.
 
@@ -175,11 +174,12 @@ def take_again(
     """
     floor = float(learning.platform[1][2])
     for attempt in range(2 * learning.tries):
-        X_WS = stands_at(cell, learning, shown.followed, X_WS)
+        thing = on_platform(cell, learning)
+        X_WS = stands_at(thing, learning, shown.followed, X_WS)
         grasps, wanted = other_grasps(shown, X_WS, gripper, floor, attempt), []
         if attempt < learning.tries:
             wanted = order(grasps, X_WS)
-        elif (thing := on_platform(cell, learning)) is not None:
+        elif thing is not None:
             # None of those is to be had: any that the picture alone tells, as if it had never been seen before.
             grasps = grasps_of_thing(thing, gripper, floor + TUNING.floor, np.zeros((0, 3)), attempt)
             wanted = np.roll(downward(grasps), -2 * (attempt - learning.tries)).tolist()
@@ -187,4 +187,7 @@ def take_again(
         taken = take(mover, cell, reach) if reach is not None else None
         if taken is not None:
             return taken, np.asarray(np.linalg.solve(X_WS, taken.X_WT), dtype=float)
+        why = "no grasp is reached" if reach is None else "the fingers held nothing"
+        where = "and nothing is seen there" if thing is None else f"it is seen at {np.round(thing.middle, 3).tolist()}"
+        shown.notes.append(f"try {attempt + 1} of taking it from the platform: {why}, {where}")
     return None

@@ -153,6 +153,7 @@ def best_motion(
     cell: Cell,
     seconds: float,
     mass: float,
+    gentle: float = 1.0,
 ) -> Excitation:
     """Return the motion that tells most of an object, as far as it was seen.
 
@@ -166,6 +167,7 @@ def best_motion(
         cell: whose fingers hold it.
         seconds: length of the motion [s].
         mass: that it is taken to have [kg].
+        gentle: share of what may usually be asked of the grip.
 
     Raises:
         WeighingError: no motion is within the limits.
@@ -181,7 +183,7 @@ def best_motion(
         Shape.box(high - low).even(mass),
         posture,
         limits=limits,
-        grip=replace(grip, share=share_of(grip, mass, X_TO[:3, 3])),
+        grip=replace(grip, share=gentle * share_of(grip, mass, X_TO[:3, 3])),
         clear=lambda q: mover.free(q, TUNING.clear, on_purpose=False),
         plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=TUNING.steps),
     )
@@ -202,7 +204,15 @@ def share_of(grip: Grip, mass: float, centre_T: Array) -> float:
 
 
 def swing_held(
-    driven: Model, mover: Mover, cell: Cell, X_TS: Array, points_S: Array, p_SO: Array, seconds: float, mass: float
+    driven: Model,
+    mover: Mover,
+    cell: Cell,
+    X_TS: Array,
+    points_S: Array,
+    p_SO: Array,
+    seconds: float,
+    mass: float,
+    gentle: float = 1.0,
 ) -> tuple[Swung, Excitation]:
     """Swing what is held about where the arm is, or another posture with room; return the arm's messages, the motion.
 
@@ -215,6 +225,7 @@ def swing_held(
         p_SO: (3,) where its centre of mass is thought to be [m].
         seconds: length of the motion [s].
         mass: of `first_mass` [kg].
+        gentle: see `best_motion`.
 
     Raises:
         NoWay: there is no way to where it begins.
@@ -222,7 +233,7 @@ def swing_held(
     """
 
     def search(posture: Array) -> Excitation:
-        return best_motion(driven, mover, posture, X_TS, points_S, p_SO, cell, seconds, mass)
+        return best_motion(driven, mover, posture, X_TS, points_S, p_SO, cell, seconds, mass, gentle)
 
     motion = first_with_room(mover, cell.commanded, search)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
