@@ -104,7 +104,7 @@ def open_again(core: Core) -> None:
     belief, changing = core.belief, core.belief.freed == CHANGING
     if changing.any():
         belief.freed[changing] = 1.0
-        belief.score[:], belief.header[Entry.NIS_MEAN] = 0.0, 1.0  # what surprised meanwhile is explained by this
+        belief.score[:] = 0.0  # what spoke for it is answered by this; `NIS_MEAN` also tells of noise, and goes on
         _open(core, changing)
 
 
