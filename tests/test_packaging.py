@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import json
 import os
 import re
@@ -139,20 +140,28 @@ SYSTEMS = {"station", "perception", "estimation", "scene", "planning", "gap"}
 """These meet in `twin` alone: none imports another."""
 
 
-def imports(path: Path, with_types: bool = False) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Each module that a file imports and the names taken from it; those for type checking alone only where asked."""
-    pending: list[ast.AST] = [ast.parse(path.read_text(), str(path))]
+@functools.cache
+def all_imports(path: Path) -> list[tuple[str, tuple[str, ...], bool]]:
+    """Each module that a file imports, the names taken from it, and whether it is for type checking alone."""
+    found = []
+    pending: list[tuple[ast.AST, bool]] = [(ast.parse(path.read_text(), str(path)), False)]
     while pending:
-        node = pending.pop()
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test) and not with_types:
-            pending.extend(node.orelse)
+        node, typing = pending.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            pending += [(each, True) for each in node.body] + [(each, typing) for each in node.orelse]
         elif isinstance(node, ast.Import):
-            yield from ((alias.name, ()) for alias in node.names)
+            found += [(alias.name, (), typing) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            yield node.module or "", tuple(alias.name for alias in node.names)
-        else:
-            pending.extend(ast.iter_child_nodes(node))
+            found.append((node.module or "", tuple(alias.name for alias in node.names), typing))
+        elif isinstance(node, ast.stmt | ast.ExceptHandler | ast.match_case | ast.Module):  # no expression imports
+            pending += [(each, typing) for each in ast.iter_child_nodes(node)]
+    return found
+
+
+def imports(path: Path, with_types: bool = False) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Each module that a file imports and the names taken from it; those for type checking alone only where asked."""
+    return ((name, taken) for name, taken, typing in all_imports(path) if with_types or not typing)
 
 
 def own_parts(path: Path) -> set[str]:
