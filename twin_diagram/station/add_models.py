@@ -41,7 +41,9 @@ def twin_arm(scenario: Scenario, plant: MultibodyPlant | None = None) -> descrip
         raise description.scenario_error("twin.arm", error) from error
 
 
-def add_model(plant: MultibodyPlant, name: str, packages: Mapping[str, str], model: str) -> list[ModelInstanceIndex]:
+def add_model(
+    plant: MultibodyPlant, name: str, packages: Mapping[str, str], model: str, *, still: bool = False
+) -> list[ModelInstanceIndex]:
     """Parse one description into `plant`.
 
     Args:
@@ -49,6 +51,7 @@ def add_model(plant: MultibodyPlant, name: str, packages: Mapping[str, str], mod
         name: prefix of the new model instances' names.
         packages: local folders for ``package://`` names.
         model: a path, see `twin_diagram.scenario.resources.resolve`.
+        still: it stands still, wherever it is put; see `foreign.add_models`.
 
     Raises:
         ModelError: the file is missing or the parser refuses it; the message says where.
@@ -58,7 +61,7 @@ def add_model(plant: MultibodyPlant, name: str, packages: Mapping[str, str], mod
         raise ModelError(f"{model}: {path} is a folder, not a model's description")
     try:
         with parser_warnings.in_one_line(path):
-            instances = list(foreign.add_models(_parser(plant, packages, name), path))
+            instances = list(foreign.add_models(_parser(plant, packages, name), path, still=still))
     except RuntimeError as error:
         raise ModelError(f"{path}: {' '.join(str(error).split())}") from error
     if not instances:

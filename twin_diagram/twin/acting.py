@@ -12,7 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.model.model import Model
-from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
+from twin_diagram.planning.collision.geometry_to_solids import given_solids
 from twin_diagram.planning.preview import Preview
 from twin_diagram.planning.tasks.place_goals import check_places
 from twin_diagram.planning.tasks.task_system import Fingers, TaskRunner
@@ -48,7 +48,7 @@ def add_task(
     if not twin.task.steps:
         source = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
         return source.get_output_port(), None
-    check_places(twin.task, library, fixture_solids(twin.fixtures, packages))
+    check_places(twin.task, library, given_solids(twin.arm, twin.fixtures, packages))
     described = scene.default_positions[scene.gripper_position_index]
     fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described, scene.followers.widening)
     runner = builder.AddNamedSystem("task_runner", TaskRunner(model, twin, library, fingers))

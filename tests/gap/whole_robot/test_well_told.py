@@ -65,3 +65,17 @@ def test_names_that_honest_errors_leave_unsure_are_lost_and_links_are_not() -> N
     payload = Finding("payload", (), ("tool",), {"mass": Estimate(3.0, 1.2, "kg")}, 0.9)
     found = [friction(a=(3.0, 1.05), b=(3.0, 1.2)), link, tilt, payload]
     assert lost_names(found) == {("coulomb_friction", "b"), ("payload", "")}
+
+
+def test_a_limit_a_play_and_a_stiffness_are_sizes() -> None:
+    for name, key, unit in (
+        ("torque_saturation", "limit", "N·m"),
+        ("backlash", "gap", "rad"),
+        ("joint_elasticity", "stiffness", "N·m/rad"),
+    ):
+
+        def told(value: float, std: float, name: str = name, key: str = key, unit: str = unit) -> Finding:
+            return Finding(name, ("a",), (), {key: {"a": Estimate(value, std, unit)}}, 0.9)
+
+        assert well_told([told(8.95, 91.3)]) == (), name
+        assert len(well_told([told(8.95, 0.2)])) == 1, name

@@ -14,7 +14,8 @@ from pydrake.systems.framework import DiagramBuilder
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.fixtures import add_fixture, weld_roots
-from twin_diagram.planning.braking.drake_distances import DrakeDistances
+from twin_diagram.planning.braking.drake_distances import DrakeDistances, Shapes
+from twin_diagram.planning.collision.collision_scene import Forecast, load_scene
 from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
 from twin_diagram.scenario.poses import pose
 from twin_diagram.scene.twin_scene import add_twin_scene
@@ -49,6 +50,7 @@ KINDS = {
         + "</robot>",
         [0.5, 0.0],
     ),
+    "worlds.xml": ('<mujoco model="m"><worldbody><geom type="box" size="0.1 0.1 0.01"/></worldbody></mujoco>', [0.0]),
     "mesh.urdf": ('<robot name="m">' + LINK.format("a", '<mesh filename="slab.stl"/>') + "</robot>", [0.0]),
 }
 """Descriptions of one or two slabs, and how high each is above the model's frame [m]."""
@@ -79,7 +81,7 @@ def test_all_have_a_fixture_where_it_is_told(fixture: tuple[scenario.Fixture, Ar
     np.testing.assert_allclose([solid.ball[0] for solid in solids], expected, atol=1e-9)
 
     world, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
-    weld_roots(world, add_model(world, "fixture0", {}, told.model), pose(told.X_WB))
+    weld_roots(world, add_model(world, "fixture0", {}, told.model, still=True), pose(told.X_WB))
     world.Finalize()
     np.testing.assert_allclose(places(world, 1), expected, atol=1e-12)
 
@@ -105,3 +107,33 @@ def test_what_cannot_be_read_is_told_by_its_file(tmp_path: Path) -> None:
     (tmp_path / "bad.sdf").write_text("<sdf>")
     with pytest.raises(ModelError, match=r"bad\.sdf: cannot be read: "):
         add_fixture(MultibodyPlant(0.0), scenario.Fixture(str(tmp_path / "bad.sdf")))
+
+
+WORLD = """<mujoco model="arm"><worldbody>
+  <geom name="floor" type="plane" size="0 0 0.1"/>
+  <geom name="pillar" type="cylinder" size="0.05 0.5" pos="0.7 0 0.5"/>
+  <body name="base"><geom type="capsule" size="0.04" fromto="0 0 0.05 0 0 0.3"/>
+    <body name="upper" pos="0 0 0.35"><joint name="lift" axis="0 1 0" range="-2 2" limited="true"/>
+      <geom type="capsule" size="0.04" fromto="0.05 0 0 0.4 0 0"/>
+    </body></body>
+</worldbody><actuator><motor joint="lift"/></actuator></mujoco>"""
+"""An arm as MuJoCo's collections of robots have them: it stands upon a floor of its own, here beside a pillar."""
+
+
+def test_what_an_arms_description_puts_into_the_world_stands_in_its_way(tmp_path: Path) -> None:
+    (tmp_path / "scene.xml").write_text(WORLD)
+    arm = scenario.ArmModel(model=str(tmp_path / "scene.xml"), tool_frame="upper")
+    nothing = np.zeros(0, dtype=bool)
+    monitor = DrakeDistances(arm, [], {}, 0, 0)
+    monitor.surround(Shapes(nothing, [], []))
+    assert monitor.names == ("scene",) and monitor.fixture_count == 1
+    scene = load_scene(arm, [], {})
+    assert [body.name for body in scene.clearance.bodies] == ["scene"] and scene.fixture_count == 1
+    # The capsule ends 0.21 m short of the pillar while it is level, and 0.02 m above the floor where it hangs at 0.8.
+    for q, expected in ((0.0, 0.7 - 0.05 - 0.44), (0.8, 0.35 - 0.4 * np.sin(0.8) - 0.04)):
+        found = monitor.near(np.array([q]), np.ones(1), None, nothing, np.zeros((0, 4, 4)), 0.5)
+        assert set(found.body) == {0}
+        np.testing.assert_allclose(found.distance.min(), expected, atol=2e-3)
+        around = scene.around(Forecast.of_tracks(np.zeros(0)), np.zeros(1))
+        planned = scene.clearance.distances(np.array([[q]]), around, 0.5)[0, 0]
+        assert 0.0 < expected - planned < 0.03, "balls about the arm stand out a little"

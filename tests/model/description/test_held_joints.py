@@ -10,6 +10,7 @@ import yaml
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.cli import main
+from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.model.model import Model
 from twin_diagram.runs.first_scenario import look_at
@@ -164,3 +165,24 @@ def test_knuckles_of_a_hand_that_tendons_pull_are_held(tmp_path: Path, pull: str
     knuckles = {"left_driver", "left_coupler", "right_driver"}
     assert (set(brought.held), bool(brought.loose)) == ((knuckles, False) if left == 1 else (set(), True))
     assert ("nothing is read of the tendons" in "".join(brought.notes(path))) == (left == 1)
+
+
+FINGER = '<body name="{0}"><joint name="{0}" axis="0 0 1"/><geom type="box" size=".04 .01 .01" pos=".04 {1} 0"/></body>'
+UNLINKED = f"""<mujoco model="m"><worldbody><body name="base"><geom size=".1"/>
+<body name="upper"><joint name="lift" axis="0 1 0"/><geom size=".1" pos=".2 0 0"/>
+<body name="lower" pos=".3 0 0"><joint name="turn 2" axis="1 0 0"/><geom size=".05"/>
+{FINGER.format("left", 0.03)}{FINGER.format("right", -0.03)}</body></body></body></worldbody>
+<actuator><motor joint="lift"/><motor joint="turn 2"/><motor joint="left"/><motor joint="right"/></actuator></mujoco>"""
+"""An arm whose hand has two fingers with a motor each, of which neither follows the other."""
+
+
+def test_fingers_of_which_none_follows_are_held_beside_an_arm_that_is_named(tmp_path: Path) -> None:
+    """They hung loose, though `--joints` says that all others are held, and `init` said that they had no motor."""
+    path = tmp_path / "unlinked.xml"
+    path.write_text(UNLINKED)
+    with pytest.raises(ModelError, match="--joints lift 'turn 2'; "):
+        look_at(path)
+    model = Model.load(ArmModel(model=str(path), joints=["lift", "turn 2"], tool_frame=""))
+    assert model.plant.num_positions() == 2 and model.plant.num_actuators() == 2
+    brought = look_at(path, joints=["lift", "turn 2"])
+    assert brought.loose == ()

@@ -11,7 +11,10 @@ from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.findings import Estimate, Finding
 from twin_diagram.signals.arrays import Array
 
-SIZES = ("gain", "delay", "offset", "amplitude", "coefficient", "torque", "wrench", "roll", "pitch")
+SIZES = (
+    *("gain", "delay", "offset", "amplitude", "coefficient", "torque", "wrench", "roll", "pitch"),
+    *("limit", "gap", "stiffness"),
+)
 """Parameters that say how large an effect is whose record names none as leading."""
 
 

@@ -195,9 +195,9 @@ def add_arm(
 
     A description without any motor (most URDFs carry no transmissions) gets one on each joint that is named, or, where
     none is named, on each revolute joint; joints that are named get the motor they lack. A revolute joint at the end
-    which others beside it follow is a hand's, not the arm's. Where joints are named, those
-    that move without them are held where the description starts them (a second arm, wheels, a head), and so are the
-    knuckles of a hand that tendons pull.
+    which others beside it follow is a hand's, not the arm's. Where joints are named, all others but the gripper's and
+    what follows are held where the description starts them (a second arm, wheels, a head, fingers of which none
+    follows another), and so are the knuckles of a hand that tendons pull.
 
     Raises:
         ModelError: unreadable description, no joint to drive, a name that is not in the model (the message lists those
@@ -215,11 +215,8 @@ def add_arm(
     arm_joints, gripper_joints = _choose(spec, every, motors, following, unparsed.of_all(unparsed.driven, parts))
     joint_tree.refuse_alike(spec.model, plant, instances, arm_joints)
     pulled, still = any(map(unparsed.pulls_tendons, parts)), list[Joint]()
-    if pulled:
-        still = held_joints.linkage([*arm_joints, *gripper_joints], every, following)
-    elif spec.joints:
-        driven = {int(joint.index()) for joint in gripper_joints}
-        still = [joint for joint in held_joints.beside(arm_joints, every) if int(joint.index()) not in driven]
+    if pulled or spec.joints:
+        still = held_joints.not_driven([*arm_joints, *gripper_joints], every, following)
     if held_joints.hold(plant, still, following, closed=pulled):
         every = _joints(plant, instances)
     _add_motors(plant, [*arm_joints, *(gripper_joints if spec.gripper_joints or not motors else [])], motors, parts)

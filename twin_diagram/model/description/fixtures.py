@@ -32,7 +32,7 @@ def add_fixture(
     path = resources.resolve(fixture.model, packages)
     try:
         with parser_warnings.in_one_line(path):
-            instances = foreign.add_models(parser(plant, packages), path)
+            instances = foreign.add_models(parser(plant, packages), path, still=True)
     except RuntimeError as error:
         raise ModelError(f"{path}: cannot be read: {str(error).strip().splitlines()[0]}") from error
     weld_roots(plant, instances, poses.pose(fixture.X_WB))

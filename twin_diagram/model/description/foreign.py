@@ -81,12 +81,13 @@ _NO_MASS = b'<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-15 1e-15 1e-15"'
 """In the place of no mass at all, which Drake ends the program for [kg], [kg·m²]."""
 
 
-def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
+def add_models(reader: Parser, path: Path, *, still: bool = False) -> tuple[ModelInstanceIndex, ...]:
     """Parse the models of a description.
 
     Args:
         reader: knows the packages that were told; those found above the description are added to it.
         path: of the description.
+        still: of what stands still, wherever it is put: shapes of an MJCF's world get a body, which can be put there.
 
     Raises:
         ModelError: a mesh that cannot be read.
@@ -95,7 +96,7 @@ def add_models(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
     kind = path.suffix.lower()
     if kind in named_files.DIRECTIVES and path.is_file():
         return _add_named(reader, path)
-    text = _mended(reader, path)
+    text = _mended(reader, path, still)
     if text is None:
         return tuple(reader.AddModels(path))
     try:
@@ -136,7 +137,7 @@ def _add_named(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
             raise RuntimeError(said) from error
 
 
-def _mended(reader: Parser, path: Path) -> str | None:
+def _mended(reader: Parser, path: Path, still: bool = False) -> str | None:
     """Return a description's text as Drake reads it, its files named by absolute paths; None: it does as it is."""
     kind = path.suffix.lower()
     if kind not in _KINDS or not path.is_file():
@@ -148,7 +149,7 @@ def _mended(reader: Parser, path: Path) -> str | None:
             reader.package_map().Add(name, folder)
     text = given
     if kind == ".xml":
-        text = _mjcf(text, path)
+        text = _mjcf(text, path, still)
     elif kind == ".urdf":
         text = _urdf(text)
     elif kind == ".sdf":
@@ -190,14 +191,17 @@ def _readable(path: Path, text: bytes, packages: Mapping[str, Path]) -> Callable
     return replaced
 
 
-def _mjcf(text: bytes, path: Path) -> bytes:
+def _mjcf(text: bytes, path: Path, still: bool) -> bytes:
     """Return an MJCF in one piece, with a name, a joint a body, and a little mass where it says that there is none."""
+    bodiless = still and mjcf_bodies.has_shapes_of_world(unparsed.tree(path))
     if unparsed.is_nameless(path):
         text = _EMPTY_NAME.sub(rb"<mujoco\1", text, count=1).replace(b"<mujoco", b'<mujoco model="robot"', 1)
-    if _asks_for_one_piece(text, path):
+    if bodiless or _asks_for_one_piece(text, path):
         text = _in_one_piece(text, path.parent, 0)
-    if not mjcf_bodies.is_plain(unparsed.tree(path)):
+    if bodiless or not mjcf_bodies.is_plain(unparsed.tree(path)):
         root = ElementTree.fromstring(text)
+        if bodiless:
+            mjcf_bodies.embody_world(root)
         mjcf_bodies.make_plain(root)
         text = ElementTree.tostring(root)
     return _INERTIAL.sub(lambda match: _NO_MASS + match[2] + b">" if _is_zero(match[1]) else match[0], text)

@@ -1,4 +1,4 @@
-"""Welds joints that nothing moves here: a second arm, a mobile base, a head, knuckles of a hand that tendons pull."""
+"""Welds joints that nothing moves here: a second arm, a mobile base, a head, fingers, knuckles that tendons pull."""
 
 from __future__ import annotations
 
@@ -37,16 +37,20 @@ def elsewhere(arm: Sequence[Joint], every: Sequence[Joint]) -> list[Joint]:
     return [joint for joint in beside(arm, every) if int(joint.index()) not in carrying]
 
 
-def linkage(driven: Sequence[Joint], every: Sequence[Joint], following: Mapping[str, Following]) -> list[Joint]:
-    """Return the joints of a hand that tendons pull, which Drake does not read: they would hang loose.
+def not_driven(driven: Sequence[Joint], every: Sequence[Joint], following: Mapping[str, Following]) -> list[Joint]:
+    """Return the joints that neither are driven nor follow one that is: they would hang loose.
+
+    Of a hand that tendons pull, which Drake does not read, and where an arm's joints are named, all others.
 
     Args:
         driven: joints of arm and gripper.
         every: joints of the robot, also those that are fixed.
-        following: of each joint that follows another one, how; what follows a driven one is left out.
+        following: of each joint that follows another one, how; what follows a driven one, also through others, is left
+            out.
     """
     moved = {joint.name() for joint in driven}
-    moved |= {name for name, how in following.items() if how.leader in moved}
+    for _ in following:  # also through others
+        moved |= {name for name, how in following.items() if how.leader in moved}
     movable = [joint for joint in every if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
     return [joint for joint in movable if joint.name() not in moved]
 

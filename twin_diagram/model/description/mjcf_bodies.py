@@ -27,6 +27,9 @@ _OUTSIDE = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass"
 _BY_DEFAULT = ("joint", "geom", "mesh", "general", "motor", "position", "velocity")
 """What classes of defaults speak of, and Drake takes from them."""
 
+_WORLDS = "shapes_of_world"
+"""Name of the body that holds what a file puts into no body."""
+
 
 def is_plain(root: Element) -> bool:
     """Return whether a file holds none of these."""
@@ -66,6 +69,23 @@ def make_plain(root: Element) -> None:
         for place, child in enumerate(parent):
             if child.tag == "body":
                 parent[place] = _one_joint_each(child)
+
+
+def has_shapes_of_world(root: Element) -> bool:
+    """Return whether a file holds shapes that belong to no body: a floor, a pillar."""
+    return any(world.find("geom") is not None for world in root.iter("worldbody"))
+
+
+def embody_world(root: Element) -> None:
+    """Give the shapes of an MJCF's world a body that stands at its origin."""
+    for number, world in enumerate(root.iter("worldbody")):
+        loose = world.findall("geom")
+        if loose:
+            body = Element("body", {"name": f"{_WORLDS}_{number}"})
+            body.extend(loose)
+            for geom in loose:
+                world.remove(geom)
+            world.insert(0, body)
 
 
 def _forgotten(root: Element) -> Iterator[tuple[Element, str]]:

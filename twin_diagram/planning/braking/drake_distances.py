@@ -124,10 +124,15 @@ class DrakeDistances:
             self._scene_graph.RegisterFrame(self._source, GeometryFrame(f"slot{k}")) for k in range(count)
         ]
         unnamed = (*("another object" for _ in range(further)), *("an unknown thing" for _ in range(things)))
-        self.names: Final = (*(Path(f.model).stem for f in fixtures), *library, *unnamed)
+        # What an MJCF puts into the world itself, a floor or a pillar, stands there as a fixture does.
+        own_world = [self._plant.world_body()]
+        if self._plant.GetCollisionGeometriesForBody(own_world[0]):
+            welded.append(own_world)
+        still = [*(fixture.model for fixture in fixtures), self._arm.spec.model][: len(welded)]
+        self.names: Final = (*(Path(name).stem for name in still), *library, *unnamed)
         self._pieces: Final = [_pieces(asset) for asset in library.values()]
         self._farthest: Final = [_farthest(pieces) for pieces in self._pieces]
-        self.fixture_count: Final = len(fixtures)
+        self.fixture_count: Final = len(welded)
         self.object_count, self.further_count, self.thing_count = len(library), further, things
         self._further: Final = slice(len(library), len(library) + further)
         self._sort_shapes(welded)

@@ -5,6 +5,7 @@ Drake's plant gives one configuration per call; a planner asks for hundreds. The
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -31,7 +32,7 @@ def drawn_range(lower: Array, upper: Array) -> tuple[Array, Array]:
 def _no_chain(joint: str, runs: Sequence[Sequence[str]]) -> str:
     """Return what is wrong where a joint does not follow the one before it, with what could be named instead."""
     first, *others = [run for run in runs if len(run) > 1] or [[]]
-    names = f" {' '.join(first)}" if first else ""
+    names = f" {shlex.join(first)}" if first else ""
     also = ", ".join(f"{run[0]} to {run[-1]}" for run in others[:3])
     return (
         f"joint {joint!r} does not follow the joint before it: the arm must be a serial chain; name those of one, "

@@ -19,7 +19,7 @@ from twin_diagram.planning.collision.chain import Chain, depths, drawn_range
 from twin_diagram.planning.collision.clearance import Clearance, Surroundings
 from twin_diagram.planning.collision.convex_solids import solid_of
 from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
-from twin_diagram.planning.collision.geometry_to_solids import fixture_solids
+from twin_diagram.planning.collision.geometry_to_solids import fixture_solids, world_solids
 from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.planning.collision.unsure_pose import Unsure
 from twin_diagram.signals.arrays import Array
@@ -207,8 +207,9 @@ def load_scene(
     depth = depths(plant, arm.joint_indices)
     chain = Chain.from_plant(plant, arm.joint_indices, arm.tool_frame)
     balls = arm_balls(plant, scene_graph, arm, depth, fingers)
+    still = [*fixture_solids(fixtures, packages), (Path(arm.spec.model).stem, world_solids(plant, scene_graph))]
     del keep_alive
-    bodies = [Body.of(name, solids) for name, solids in fixture_solids(fixtures, packages) if solids]
+    bodies = [Body.of(name, solids) for name, solids in still if solids]
     fixture_count = len(bodies)
     bodies += [
         Body.of(name, [solid_of(piece) for piece in asset.convex_pieces], asset.symmetric_axis == "z")

@@ -23,10 +23,11 @@ from pydrake.geometry import (
     Sphere,
 )
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex
+from pydrake.multibody.tree import BodyIndex, RigidBody
 
 from twin_diagram import scenario
 from twin_diagram.errors import ModelError
+from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.model.description.fixtures import add_fixture
 from twin_diagram.planning.collision.convex_solids import Ball, Box, Polytope, Solid, solid_of
 from twin_diagram.signals.arrays import Array
@@ -64,17 +65,50 @@ def fixture_solids(
             raise ModelError(
                 f"{fixture.model}: a fixture stands still, but this model has {plant.num_positions()} free positions"
             )
-        context = plant.CreateDefaultContext()
-        inspector = scene_graph.model_inspector()
-        solids: list[Solid] = []
-        for index in range(plant.num_bodies()):  # the world's own among them: an MJCF's `worldbody`
-            body = plant.get_body(BodyIndex(index))
-            X_WF = plant.EvalBodyPoseInWorld(context, body).GetAsMatrix4()
-            for geometry in plant.GetCollisionGeometriesForBody(body):
-                X_WG = X_WF @ inspector.GetPoseInFrame(geometry).GetAsMatrix4()
-                solids.extend(_solids(inspector, geometry, X_WG))
-        result.append((Path(fixture.model).stem, solids))
+        bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
+        result.append((Path(fixture.model).stem, _standing(plant, scene_graph, bodies)))
     return result
+
+
+def world_solids(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Solid]:
+    """Return what a description puts into the world itself, as an MJCF's floor or pillar, as convex solids in W.
+
+    Args:
+        plant: finalized; holds the description alone.
+        scene_graph: its geometry.
+    """
+    return _standing(plant, scene_graph, [plant.world_body()])
+
+
+def given_solids(
+    arm: scenario.ArmModel,
+    fixtures: Sequence[scenario.Fixture],
+    packages: Mapping[str, str | Path] | None = None,
+) -> list[tuple[str, list[Solid]]]:
+    """Return the solids of fixtures, by name, and of what the arm's description puts into the world, if anything.
+
+    Raises:
+        ModelError: see `fixture_solids` and `add_arm.add_arm`.
+    """
+    plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    spec = add_arm(plant, arm, packages).spec
+    plant.Finalize()
+    own = world_solids(plant, scene_graph)
+    return [*fixture_solids(fixtures, packages), *([(Path(spec.model).stem, own)] if own else [])]
+
+
+def _standing(plant: MultibodyPlant, scene_graph: SceneGraph, bodies: Sequence[RigidBody]) -> list[Solid]:
+    """Return the shapes of bodies, as the plant starts, as convex solids in W."""
+    context = plant.CreateDefaultContext()
+    inspector = scene_graph.model_inspector()
+    solids: list[Solid] = []
+    for body in bodies:
+        X_WF = plant.EvalBodyPoseInWorld(context, body).GetAsMatrix4()
+        for geometry in plant.GetCollisionGeometriesForBody(body):
+            X_WG = X_WF @ inspector.GetPoseInFrame(geometry).GetAsMatrix4()
+            solids.extend(_solids(inspector, geometry, X_WG))
+    return solids
 
 
 def _solids(inspector: SceneGraphInspector, geometry: GeometryId, X_WG: Array) -> list[Solid]:

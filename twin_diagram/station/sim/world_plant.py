@@ -174,7 +174,7 @@ def _add_fixtures(plant: MultibodyPlant, scenario: Scenario) -> list[RigidBody]:
     for i, fixture in enumerate(scenario.world.fixtures):
         field_name = f"world.fixtures[{i}]"
         try:
-            instances = add_model(plant, f"fixture{i}", scenario.packages, fixture.model)
+            instances = add_model(plant, f"fixture{i}", scenario.packages, fixture.model, still=True)
         except ModelError as error:
             raise ScenarioError(f"{field_name}.model", str(error)) from error
         weld_roots(plant, instances, transform(fixture.X_WB, f"{field_name}.X_WB"))
