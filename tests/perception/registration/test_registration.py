@@ -22,9 +22,10 @@ from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import resting, search
+from twin_diagram.perception.registration.hues import alike, hues
 from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, visible
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
-from twin_diagram.perception.registration.recognition import alike, hues, recognise
+from twin_diagram.perception.registration.recognition import recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.residuals import brightness
 from twin_diagram.perception.registration.rotation import cross, exp, from_quaternion, log, skew, to_quaternion
