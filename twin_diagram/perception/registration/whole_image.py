@@ -189,11 +189,9 @@ def advance(
         among = {assets[k]: library[k] for k in named}
         waiting = [k for k in observed.cluster_of if segments.time >= remembered[k].next_search]
         if waiting:
-            k = min(waiting, key=lambda k: (remembered[k].searches, k))
+            k, now = min(waiting, key=lambda k: (remembered[k].searches, k)), replace(frame, shift=shift)
             of = found[observed.cluster_of[k]]
-            remembered[k], asset, pose = _compared(
-                remembered[k], of, segments, told, among, usual, replace(frame, shift=shift)
-            )
+            remembered[k], asset, pose = _compared(remembered[k], of, segments, told, among, usual, now)
             if pose is not None:
                 pose = unweighed(among[asset].model, pose)
                 if not _found_again(asset, pose, among[asset].model.radius, after, measured, first, pool):
@@ -201,13 +199,12 @@ def advance(
     if _came_to_rest(beside.things, remembered):
         after = [slot if one.quality > 0 else sought(slot, one.time) for slot, one in zip(after, measured, strict=True)]
     identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
-    out = [one.thing.pack() for one in remembered]
     return Outcome(
         after[:first],
         OtherMemory(tuple(pool.slots), tuple(remembered), identities, turned_away, shift),
         measured[:first],
         pool.rows.ravel(),
-        np.concatenate(out) if out else np.zeros(0),
+        np.concatenate([np.zeros(0), *(one.thing.pack() for one in remembered)]),
     )
 
 
