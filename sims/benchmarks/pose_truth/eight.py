@@ -13,7 +13,7 @@ from pose_truth import raycast, spoil
 from pose_truth.things import YCB, Thing, thing
 from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.pinhole import Pinhole
-from twin_diagram.perception.registration.global_search import resting
+from twin_diagram.perception.registration.resting import resting
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.scenario.depth_sheets import SHEETS
 

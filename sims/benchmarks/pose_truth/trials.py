@@ -12,7 +12,7 @@ from pose_truth import raycast, spoil
 from pose_truth.things import Thing
 from twin_diagram.perception.depth_noise import DepthSigma
 from twin_diagram.perception.pinhole import Pinhole, surface_at
-from twin_diagram.perception.registration.global_search import resting
+from twin_diagram.perception.registration.resting import resting
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.scenario.depth_sheets import SHEETS

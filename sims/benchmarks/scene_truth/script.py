@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pose_truth.things import OWN, YCB, Thing, thing
 
-from twin_diagram.perception.registration.global_search import resting
+from twin_diagram.perception.registration.resting import resting
 from twin_diagram.signals import rotations
 
 Array = npt.NDArray[np.float64]

@@ -31,9 +31,9 @@ from twin_diagram.assets.mesh import read_obj, read_png
 from twin_diagram.assets.procedural import write_box
 from twin_diagram.errors import AssetError
 from twin_diagram.perception.registration.frame import Frame
-from twin_diagram.perception.registration.global_search import resting
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import register
+from twin_diagram.perception.registration.resting import resting
 from twin_diagram.perception.registration.rotation import exp, log
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.scene.twin_scene import add_twin_scene

@@ -21,6 +21,7 @@ from twin_diagram.perception.registration.colour_shift import (
     ShiftEvidence,
     learnt,
 )
+from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.residuals import ColourNormal
 from twin_diagram.perception.registration.slots import Slot
@@ -119,7 +120,8 @@ def test_the_shift_is_found_and_poses_do_not_follow_colours(boxes: list[tuple[Kn
     for name, shift in (("taken as told", ALIGNED), ("learnt", ColourShift.told(2.0))):
         slots = [Slot(True, thing.R, thing.p, np.zeros(6), 0.0) for _, thing in boxes]
         for k in range(1, 13):
-            slots, found, shift = step(library, slots, image(boxes, k), PARAMS, 60, shift)
+            segments = image(boxes, k)
+            slots, found, shift = step(library, slots, segments, PARAMS, 60, Frame.of(segments, shift))
         assert all(one.quality > 0 for one in found)
         off[name] = max(float(np.linalg.norm(slot.p - thing.p)) for slot, (_, thing) in zip(slots, boxes, strict=True))
         if name == "learnt":

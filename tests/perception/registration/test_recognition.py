@@ -13,7 +13,8 @@ from tests.registration_bench import model, turn
 from twin_diagram import scenario
 from twin_diagram.perception.registration import recognition
 from twin_diagram.perception.registration.global_search import Found
-from twin_diagram.perception.registration.recognition import _owned, alike, hues, recognise
+from twin_diagram.perception.registration.hues import alike, hues
+from twin_diagram.perception.registration.recognition import _owned, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose
 
 Array = npt.NDArray[np.float64]
@@ -79,7 +80,7 @@ class Scene:
 
     def run(self, objects: dict[int, Array], free: Any = None, smallest: int = 10) -> dict[int, int]:
         wanted: Any = {
-            k: SimpleNamespace(number=k, coloured=True, asset=SimpleNamespace(colours=np.array([colour] * 5)))
+            k: SimpleNamespace(number=k, coloured=True, hues=hues(np.array([colour] * 5)))
             for k, colour in objects.items()
         }
         known: Any = {k: [k] for k in objects}

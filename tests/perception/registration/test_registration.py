@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,15 +19,18 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.assets.procedural import write_box
+from twin_diagram.perception.registration import global_search
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
-from twin_diagram.perception.registration.global_search import resting, search
+from twin_diagram.perception.registration.global_search import search
+from twin_diagram.perception.registration.hues import alike, hues
 from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, visible
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
-from twin_diagram.perception.registration.recognition import alike, hues, recognise
+from twin_diagram.perception.registration.recognition import recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, register
 from twin_diagram.perception.registration.residuals import brightness
+from twin_diagram.perception.registration.resting import resting
 from twin_diagram.perception.registration.rotation import cross, exp, from_quaternion, log, skew, to_quaternion
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
 from twin_diagram.perception.registration.tracking import step
@@ -292,6 +296,34 @@ def test_resting_orientations(library: dict[str, ModelCloud]) -> None:
     assert len(can) == 3 and np.allclose(can[0][0], np.eye(3))
     for R, height in box + can:
         assert np.allclose(R @ R.T, np.eye(3)) and np.linalg.det(R) == pytest.approx(1.0) and height > 0
+
+
+def test_facets_of_one_face_count_once(library: dict[str, ModelCloud]) -> None:
+    """A scanned box rested in 57 ways, most of them one another's like to a tenth of a degree."""
+    asset = library["sugar_box"].asset
+    corners = np.concatenate(asset.convex_pieces)
+    bumps = corners + np.random.default_rng(0).uniform(-2e-4, 2e-4, (40, *corners.shape))  # a scanner's roughness
+    ways = resting(replace(asset, convex_pieces=(bumps.reshape(-1, 3),)))
+    assert len(ways) == 6 and np.allclose(ways[0][0], np.eye(3), atol=0.03)
+
+
+def test_a_vain_search_ends_before_it_is_refined(
+    library: dict[str, ModelCloud], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A sugar box where a can stands: no start fits, and none is registered exactly."""
+    segments = shot([standing(library["can"], "can", 0.5, 0.0, 0.4)])
+    asked: list[Array] = []
+
+    def exactly(model: ModelCloud, frame: Frame, R: Array, p: Array, *rest: Any, **named: Any) -> RegisteredPose:
+        asked.append(p)
+        return register(model, frame, R, p, *rest, **named)
+
+    monkeypatch.setattr(global_search, "register", exactly)
+    model, frame = library["sugar_box"], Frame.of(segments)
+    assert search(model, frame, segments.points_W, resting(model.asset), PARAMS) is None
+    assert not asked
+    assert search(library["can"], frame, segments.points_W, resting(library["can"].asset), PARAMS) is not None
+    assert asked
 
 
 @pytest.mark.parametrize("yaw", np.linspace(-3.0, 3.1, 6))

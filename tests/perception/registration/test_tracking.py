@@ -16,8 +16,9 @@ from twin_diagram.perception.registration import recognition, tracking
 from twin_diagram.perception.registration.colour_shift import ALIGNED
 from twin_diagram.perception.registration.frame import Frame, blur_within
 from twin_diagram.perception.registration.global_search import Found
+from twin_diagram.perception.registration.hues import hues
 from twin_diagram.perception.registration.model_cloud import fibonacci_sphere
-from twin_diagram.perception.registration.recognition import hues, recognise
+from twin_diagram.perception.registration.recognition import recognise
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.residuals import tukey
 from twin_diagram.perception.registration.rotation import exp
@@ -138,7 +139,7 @@ def recognised(
     class Model:
         def __init__(self, name: str) -> None:
             self.name, self.coloured = name, True
-            self.asset = type("A", (), {"colours": np.full((10, 3), 0.5)})()
+            self.hues = hues(np.full((10, 3), 0.5))
 
     def search(model: Any, frame: Any, points_W: Array, orientations: Any, params: Any) -> Found | None:
         at = int(points_W[0, 0])
@@ -248,7 +249,7 @@ def test_a_search_comes_when_its_time_has_come(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(tracking, "recognise", nothing)
     monkeypatch.setattr(tracking, "search_by_shape", lambda *_: {})
-    monkeypatch.setattr(Frame, "of", staticmethod(lambda segments, shift: None))
+    monkeypatch.setattr(Frame, "of", staticmethod(lambda segments: SimpleNamespace(shift=ALIGNED)))
     known: Any = [tracking.Known(SimpleNamespace(coloured=True), [(np.eye(3), 0.1)], [(np.eye(3), 0.2)])]  # type: ignore[arg-type]
     slots = [Slot()]
     for k in range(40):

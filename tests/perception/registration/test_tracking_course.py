@@ -13,6 +13,7 @@ import pytest
 from tests.registration_bench import turn
 from twin_diagram import scenario
 from twin_diagram.perception.registration import tracking, where_expected
+from twin_diagram.perception.registration.colour_shift import ALIGNED
 from twin_diagram.perception.registration.naming import Naming
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
@@ -216,7 +217,7 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
     """Of five objects one is followed, one regained, two are searched, of which one is found; one waits its turn."""
     calls: list[Any] = []
     free = np.ones(40, dtype=bool)
-    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments, shift: "frame"))
+    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments: SimpleNamespace(shift=ALIGNED)))
     monkeypatch.setattr(tracking, "follow_known", lambda *_: {0: pose(shape=0.95)})
     monkeypatch.setattr(tracking, "unexplained_by", lambda library, found, segments: free)
     monkeypatch.setattr(
@@ -246,7 +247,7 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
 
 def test_a_doubtful_pose_gives_way_to_its_challenger_one_in_an_image(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three poses lack half of their colours: one waits, the longest waiting is challenged, the other one next time."""
-    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments, shift: "frame"))
+    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments: SimpleNamespace(shift=ALIGNED)))
     monkeypatch.setattr(
         tracking, "follow_known", lambda *_: {k: pose(P + k, shape=0.95, quality=0.5) for k in range(3)}
     )
@@ -274,7 +275,7 @@ def test_a_doubtful_pose_gives_way_to_its_challenger_one_in_an_image(monkeypatch
 def test_a_challenger_where_an_alike_was_lost_is_that_one(
     monkeypatch: pytest.MonkeyPatch, lost: float, whose: int
 ) -> None:
-    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments, shift: "frame"))
+    monkeypatch.setattr(tracking.Frame, "of", staticmethod(lambda segments: SimpleNamespace(shift=ALIGNED)))
     monkeypatch.setattr(tracking, "follow_known", lambda *_: {0: pose(P, shape=0.95, quality=0.5)})
     monkeypatch.setattr(tracking, "unexplained_by", lambda library, found, segments: np.zeros(40, dtype=bool))
     monkeypatch.setattr(tracking, "regain_lost", lambda *_: {})

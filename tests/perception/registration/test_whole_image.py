@@ -14,7 +14,7 @@ from twin_diagram import scenario
 from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.description import read_spec
 from twin_diagram.perception.registration import instances
-from twin_diagram.perception.registration.colour_shift import ALIGNED
+from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.slots import Slot
 from twin_diagram.perception.registration.view import Known
@@ -267,5 +267,5 @@ def test_a_thing_is_compared_with_what_is_as_tall_first(
             lambda models, ways, *_: asked.append((*models, ways[min(models)] is known[min(models)].upright)) or {},
         )
         of, usual = np.flatnonzero(segments.labels >= 0), dict.fromkeys(known, 0.0)
-        done = instances.recognised(known, of, 0, segments, scenario.Registration(), 60, usual, ALIGNED)
+        done = instances.recognised(known, of, 0, segments, scenario.Registration(), 60, usual, Frame.of(segments))
         assert done == (-1, None, 1) and asked[-1] == (k, True)

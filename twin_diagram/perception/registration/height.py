@@ -40,5 +40,8 @@ def seen_tall(points_W: Array, table: Array) -> float:
 
 def as_tall(model: ModelCloud, ways: Sequence[tuple[Array, float]], tall: float) -> list[tuple[Array, float]]:
     """Return those of an object's ways to lie, R (3, 3) and O's height, in which it is about so tall [m]."""
+    if not ways:
+        return []
     slack = TUNING.tall[0] + TUNING.tall[1] * tall
-    return [way for way in ways if abs(float(np.ptp(model.corners @ way[0][2])) - tall) < slack]
+    heights = np.ptp(model.corners @ np.stack([R[2] for R, _ in ways], axis=1), axis=0)
+    return [way for way, height in zip(ways, heights, strict=True) if abs(height - tall) < slack]

@@ -16,13 +16,13 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from twin_diagram import scenario
-from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.height import as_tall, seen_tall
+from twin_diagram.perception.registration.hues import alike, hues
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming_evidence import is_another, naming
 from twin_diagram.perception.registration.recognition import TUNING as RECOGNITION
-from twin_diagram.perception.registration.recognition import alike, hues, looks_like_itself, recognise
+from twin_diagram.perception.registration.recognition import looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
 from twin_diagram.perception.registration.slots import TUNING as SLOTS
@@ -177,7 +177,7 @@ def recognised(
     params: scenario.Registration,
     smallest: int,
     usual: Mapping[int, float],
-    shift: ColourShift,
+    frame: Frame,
 ) -> tuple[int, RegisteredPose | None, int]:
     """Compare a thing with one of the library's objects: those that lie as tall as it is first, then by their colours.
 
@@ -192,7 +192,7 @@ def recognised(
         smallest: points that make an object.
         usual: how much objects look like themselves (0: not known), by number; of what is not among them the first is
             looked for elsewhere.
-        shift: how far colours lie beside depth.
+        frame: the image ready for registration.
 
     Returns:
         Which object it is and where (None: it is not that one), and how many were compared by now; -1: all were.
@@ -200,7 +200,7 @@ def recognised(
     mask = np.zeros(len(segments.labels), dtype=bool)
     mask[of] = True
     own = hues(segments.colours[of])
-    colours = {k: -alike(hues(one.model.asset.colours), own) for k, one in library.items()}
+    colours = {k: -alike(one.model.hues, own) for k, one in library.items()}
     tall = seen_tall(segments.points_W[of], segments.table)
     ways: list[tuple[bool, int, float, int]] = []
     for k, one in library.items():
@@ -212,7 +212,6 @@ def recognised(
         orientations = (library[k].upright, library[k].fallen)[how]
         if k not in usual or not orientations:
             continue
-        frame = Frame.of(segments, shift)
         found = recognise({k: library[k].model}, {k: orientations}, segments, frame, mask, params, smallest).get(k)
         fits = 0.0 if found is None else max(found.registration.quality, found.registration.shape)
         if (

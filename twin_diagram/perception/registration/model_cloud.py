@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from twin_diagram.assets import Asset, symmetry
 from twin_diagram.errors import expect
 from twin_diagram.perception.registration.cloud_kernels import SurfaceCloud
+from twin_diagram.perception.registration.hues import hues
 from twin_diagram.perception.registration.nearest_points import NearestPoints
 from twin_diagram.perception.registration.point_kernels import UNPAINTED, PointTable
 from twin_diagram.perception.registration.rotation import exp
@@ -108,6 +109,11 @@ class ModelCloud:
     def coloured(self) -> bool:
         """Whether its colours say anything: those of a mesh without any are one grey, and veto nothing."""
         return bool(np.abs(self.colours[0] - self.colours[0].mean()).max() > TUNING.grey)
+
+    @cached_property
+    def hues(self) -> Array:
+        """(144,) its colours, however bright."""
+        return hues(self.asset.colours)
 
     @cached_property
     def mistaken(self) -> Array:

@@ -13,6 +13,7 @@ from twin_diagram.perception.registration.colour_margin import turn_speaks
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_SEARCH
 from twin_diagram.perception.registration.global_search import Found, search
+from twin_diagram.perception.registration.hues import alike, hues
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.search_aloft import afloat, anyhow, hangs
@@ -81,29 +82,8 @@ class Tuning:
     usual: float = 0.75
     """What is usual where nobody has seen it."""
 
-    bins: int = 12
-    """Cells per colour share: fine enough to tell the library apart, coarse enough for noise."""
-
 
 TUNING = Tuning()
-
-
-def hues(colours: Array) -> Array:
-    """Return a histogram (144,) over red's and green's share in RGB colours (N, 3).
-
-    Light and shade hardly change it.
-    """
-    total = colours.sum(axis=1)
-    bright = total > 0.1
-    share = colours[bright, :2] / total[bright, None]
-    cell = np.minimum((share * TUNING.bins).astype(np.int64), TUNING.bins - 1)
-    count = np.bincount(cell[:, 0] * TUNING.bins + cell[:, 1], minlength=TUNING.bins * TUNING.bins).astype(float)
-    return count / max(count.sum(), 1.0)
-
-
-def alike(first: Array, second: Array) -> float:
-    """Return the Bhattacharyya coefficient of two histograms, 0 to 1."""
-    return float(np.sqrt(first * second).sum())
 
 
 def looks_like_itself(one: RegisteredPose, usual: float) -> bool:
@@ -142,10 +122,9 @@ def recognise(
     found: dict[int, Found] = {}
     tried: dict[tuple[int, int], Found] = {}
     for k, model in wanted.items():
-        own = hues(model.asset.colours)
         sure = GLOBAL_SEARCH.sure if model.coloured else np.inf
         members = {s: np.flatnonzero(free & (segments.labels == s)) for s in range(segments.count)}
-        likeness = {s: alike(own, hues(segments.colours[i])) for s, i in members.items() if len(i) >= smallest}
+        likeness = {s: alike(model.hues, hues(segments.colours[i])) for s, i in members.items() if len(i) >= smallest}
         known, ways = (floating or {}).get(k), list(orientations.get(k, ()))
         for s in sorted(likeness, key=lambda s: -likeness[s]):
             result = _searched(model, frame, segments.points_W[members[s]], known, ways, params)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
-from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift, learnt
+from twin_diagram.perception.registration.colour_shift import ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
 from twin_diagram.perception.registration.instances import taken
@@ -76,7 +76,7 @@ def step(
     segments: Segments,
     params: scenario.Registration,
     smallest: int,
-    shift: ColourShift = ALIGNED,
+    frame: Frame | None = None,
 ) -> tuple[list[Slot], list[PoseMeasurement], ColourShift]:
     """Find the objects in one image: follow what is tracked, then search for what is not.
 
@@ -86,14 +86,14 @@ def step(
         segments: the image taken apart.
         params: tuning.
         smallest: points that make an object.
-        shift: how far colours lie beside depth, as far as that is known.
+        frame: the image ready for registration; None: it is made so here, with colours on depth's pixels.
 
     Returns:
-        The new slots; one measurement per object, quality 0 where it was not found in this image; the shift as it is
-        known now.
+        The new slots; one measurement per object, quality 0 where it was not found in this image; how far colours lie
+        beside depth, as it is known now.
     """
     time = segments.time
-    view = View(segments, Frame.of(segments, shift), params, smallest)
+    view = View(segments, frame or Frame.of(segments), params, smallest)
     every = library
     library = [known.bare if slot.by_shape else known for known, slot in zip(every, slots, strict=True)]
     tracked = held_by_planes(library, slots, view, _asked(library, slots, follow_known(library, slots, view), view))
@@ -121,7 +121,7 @@ def step(
     measured = [measurement(slot, results.get(k), time) for k, slot in enumerate(after)]
     # Depth of what moves may be late, which lays its colours aside by more.
     rests = [pose.evidence for k, pose in tracked.items() if not np.any(slots[k].velocity)]
-    return after, measured, learnt(shift, [one for one in rests if one is not None])
+    return after, measured, learnt(view.frame.shift, [one for one in rests if one is not None])
 
 
 def _remembered(

@@ -8,8 +8,8 @@ from functools import cached_property
 
 from twin_diagram import scenario
 from twin_diagram.perception.registration.frame import Frame
-from twin_diagram.perception.registration.global_search import resting
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.resting import resting
 from twin_diagram.perception.registration.standing import Footing, footings
 from twin_diagram.perception.registration.without_colours import without_colours
 from twin_diagram.perception.segmentation.segments import Segments

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from twin_diagram import scenario
 from twin_diagram.errors import TwinError
 from twin_diagram.perception.registration.colour_shift import ALIGNED, COLOUR_SHIFT_SIZE, ColourShift
+from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.instances import (
     INSTANCE_SIZE,
     Instance,
@@ -166,7 +167,8 @@ def advance(
     assets = [*range(first), *(beside.further[k].asset for k in held)]
     library = [every[a] for a in assets]
     before = [*slots, *(beside.further[k].slot for k in held)]
-    after, measured, shift = step(library, before, segments, told.registration, told.smallest, beside.shift)
+    frame = Frame.of(segments, beside.shift)
+    after, measured, shift = step(library, before, segments, told.registration, told.smallest, frame=frame)
     after, measured = settled(assets, [one.model.radius for one in every], before, after, measured)
     known: list[Placed] = [*elsewhere, *where_held(segments.held, library, measured)]
     for k, one in enumerate(measured):
@@ -187,9 +189,9 @@ def advance(
         among = {assets[k]: library[k] for k in named}
         waiting = [k for k in observed.cluster_of if segments.time >= remembered[k].next_search]
         if waiting:
-            k = min(waiting, key=lambda k: (remembered[k].searches, k))
+            k, now = min(waiting, key=lambda k: (remembered[k].searches, k)), replace(frame, shift=shift)
             of = found[observed.cluster_of[k]]
-            remembered[k], asset, pose = _compared(remembered[k], of, segments, told, among, usual, shift)
+            remembered[k], asset, pose = _compared(remembered[k], of, segments, told, among, usual, now)
             if pose is not None:
                 pose = unweighed(among[asset].model, pose)
                 if not _found_again(asset, pose, among[asset].model.radius, after, measured, first, pool):
@@ -197,13 +199,12 @@ def advance(
     if _came_to_rest(beside.things, remembered):
         after = [slot if one.quality > 0 else sought(slot, one.time) for slot, one in zip(after, measured, strict=True)]
     identities, turned_away = (pool.next_identity, observed.next_identity), (pool.turned_away, observed.turned_away)
-    out = [one.thing.pack() for one in remembered]
     return Outcome(
         after[:first],
         OtherMemory(tuple(pool.slots), tuple(remembered), identities, turned_away, shift),
         measured[:first],
         pool.rows.ravel(),
-        np.concatenate(out) if out else np.zeros(0),
+        np.concatenate([np.zeros(0), *(one.thing.pack() for one in remembered)]),
     )
 
 
@@ -256,11 +257,11 @@ def _compared(
     told: ImageSettings,
     among: Mapping[int, Known],
     usual: Mapping[int, float],
-    shift: ColourShift,
+    frame: Frame,
 ) -> tuple[things.Remembered, int, RegisteredPose | None]:
     """Compare a thing, which points `of` show, with known objects; return it, which one it is (-1: none), and where."""
     asset, pose, searches = recognised(
-        among, of, thing.searches, segments, told.registration, told.smallest, usual, shift
+        among, of, thing.searches, segments, told.registration, told.smallest, usual, frame
     )
     wait = segments.time + INSTANCES.again if searches < 0 else NEVER
     return replace(thing, searches=max(searches, 0), next_search=wait), asset, pose
