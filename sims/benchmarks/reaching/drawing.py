@@ -43,6 +43,12 @@ class Tuning:
     spacing: float = 0.03
     """Between the edges of any two things, wherever they are [m]."""
 
+    goals_tried: int = 20
+    """So many goals are drawn, one of ten leaves the things no room; …"""
+
+    draws: int = 200
+    """… so many times places are drawn about each."""
+
 
 TUNING = Tuning()
 
@@ -62,13 +68,13 @@ def draw_reach(base: Scenario, seed: int) -> Scenario:
     twin, objects = scenario.twin, scenario.world.objects
     model = Model.load(twin.arm, scenario.packages)
     start = model.tool_pose(np.array(twin.home)).translation()
-    goal = rng.uniform(*np.array(TUNING.goals))
-    goal[1] *= -np.sign(start[1])
-    assert twin.task.X_WG is not None
-    twin.task.X_WG = Pose(goal.tolist(), [float(np.pi), 0.0, float(rng.uniform(-0.8, 0.8))])
     sizes = {name: np.array(Asset.load(resolve(item.asset, base.packages)).size) for name, item in objects.items()}
-    for _ in range(200):
-        ways = _ways(sizes, start[:2], goal[:2], rng)
+    for _ in range(TUNING.goals_tried):
+        goal = rng.uniform(*np.array(TUNING.goals))
+        goal[1] *= -np.sign(start[1])
+        twin.task.X_WG = Pose(goal.tolist(), [float(np.pi), 0.0, float(rng.uniform(-0.8, 0.8))])
+        tried = (_ways(sizes, start[:2], goal[:2], rng) for _ in range(TUNING.draws))
+        ways = next((one for one in tried if one is not None), None)
         if ways is not None:
             break
     else:
