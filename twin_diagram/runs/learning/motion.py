@@ -225,6 +225,14 @@ class Mover:
             wanted[len(self._carrying.clearance.bodies) :] = min(clearance, TUNING.close)
         return np.asarray((near[:, :-1] >= wanted).all(axis=1) & (near[:, -1] >= TUNING.own))
 
+    def room(self, q: Array, clearance: float, beyond: float = 0.03) -> Array:
+        """Return by how much more than a clearance joint angles (M, n) keep from each thing (M, B + 1) [m].
+
+        As `free` without `on_purpose` asks for it; the last is to the arm itself. More than `beyond` is not told.
+        """
+        near = self.distances(q, max(clearance, TUNING.own) + beyond)
+        return near - np.append(np.full(near.shape[1] - 1, clearance), TUNING.own)
+
     def bare_free(self, q: Array, clearance: float, *, standing: bool = False) -> bool:
         """Return whether the arm alone, without what it holds, keeps a distance [m] at joint angles (M, n).
 
