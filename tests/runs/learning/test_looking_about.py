@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,15 +13,20 @@ from scipy import ndimage
 from tests.runs.learning.test_camera_check import SOLIDS, TOLD, box, camera
 from twin_diagram.errors import StationError
 from twin_diagram.planning.collision.convex_solids import Solid
+from twin_diagram.planning.grasps import gripper_of
+from twin_diagram.runs.learning.bin_view import SeenThing, upright_poses
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import Picture, told_camera
 from twin_diagram.runs.learning.handling import go_home
 from twin_diagram.runs.learning.looking_about import look_about
+from twin_diagram.runs.learning.motion import Mover
+from twin_diagram.runs.learning.picking import before_grasp
 from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.start import check_cell, tools_of
 from twin_diagram.scenario import Learning, Pose, WorldObject
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.pose_vectors import as_matrix
 
 FACES = KnownFaces.of(SOLIDS)
 LEARNING = Learning(
@@ -89,6 +95,22 @@ def test_one_camera_that_has_stopped_leaves_the_other() -> None:
     assert at(LOST, dark=("scan",)) == pytest.approx((0.37, -0.11, 0.0), abs=0.02)
     with pytest.raises(StationError, match="'scan' measures no depth"):
         at(dark=("scan",))  # nobody knows what lies on the platform
+
+
+def test_near_the_arms_axis_a_hand_that_leans_reaches_the_table() -> None:
+    twin = load_scenario("bin_picking").twin
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)
+    rim = np.array([[x, y, z] for x in (0.337, 0.397) for y in (-0.137, -0.077) for z in (0.004, 0.03)])
+    thing = SeenThing(rim, rim, np.zeros((8, 2), np.int64), np.array([0.42, -0.36, 0.95]))
+    reached = {}
+    for beside in (False, True):
+        poses = [as_matrix(one) for one in upright_poses(replace(thing, beside=beside), gripper_of("wsg50"), 0.003)]
+        down = np.array([-X[2, 2] for X in poses])
+        assert (np.abs([X[2, 1] for X in poses]) < 1e-9).all(), "fingers close along the table"
+        assert set(down.round(3)) == ({1.0, round(float(np.cos(0.35)), 3)} if beside else {1.0})
+        mine = [X for X, share in zip(poses, down, strict=True) if (share < 0.99) == beside][::7]
+        reached[beside] = sum(len(before_grasp(mover, X, home)) > 0 for X in mine)
+    assert reached[False] == 0 < reached[True], reached
 
 
 @pytest.mark.long
