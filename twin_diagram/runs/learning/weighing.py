@@ -185,7 +185,7 @@ def best_motion(
         posture,
         limits=limits,
         grip=replace(grip, share=gentle * share_of(grip, mass, X_TO[:3, 3])),
-        clear=lambda q: mover.free(q, TUNING.clear, on_purpose=False),
+        clear=lambda q: np.asarray((mover.room(q, TUNING.clear) >= 0.0).all(axis=1)),
         plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=TUNING.steps),
         room=lambda q: mover.room(q, TUNING.clear),
     )
