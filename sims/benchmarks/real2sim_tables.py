@@ -7,6 +7,7 @@ The world is as the score sets it: white torque noise (`--noise`), and, drawn pe
 and frictions of each joint and where cameras really stand; `--plain` leaves all but the noise out. A bin that was begun
 is gone on with, one that is done is only scored. Writes `OUT/SEED/` (a run of `twin-diagram learn`; its gallery shows
 the true objects, too) and `OUT/scores.jsonl`, `OUT/runs.jsonl`. `--quick`: two objects a bin. Held back: from 100000.
+SIGINT and SIGTERM end it as they end `twin-diagram learn`, children with it; the same command goes on afterwards.
 """
 
 from __future__ import annotations
@@ -31,10 +32,21 @@ from twin_diagram.runs.learning import learn  # noqa: E402
 from twin_diagram.runs.learning.drawn_bins import draw_bin  # noqa: E402
 from twin_diagram.runs.learning.gallery import write_gallery  # noqa: E402
 from twin_diagram.runs.learning.record import STATE, LearningRecord  # noqa: E402
+from twin_diagram.runtime.stopping import Stopped, stoppable  # noqa: E402
 
 
 def main() -> int:
     """Parse the command line and run."""
+    try:
+        with stoppable():
+            return tables()
+    except Stopped as stop:
+        print("stopped; the same command goes on", file=sys.stderr)
+        return stop.status
+
+
+def tables() -> int:
+    """Learn and score each bin, and print the targets beside what came out."""
     logging.getLogger("drake").setLevel(logging.ERROR)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=0, help="the first seed (default: %(default)s)")

@@ -20,8 +20,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import ConvexHull, cKDTree
 
 from twin_diagram.assets import Asset, shapes
-from twin_diagram.assets.description import shell_inertia
-from twin_diagram.assets.mesh import Mesh, read_obj, read_png, sample, write_obj
+from twin_diagram.assets.mesh import read_obj, read_png, sample, write_obj
 from twin_diagram.assets.procedural import hollow_mug, write_bottle, write_box, write_can, write_mug
 from twin_diagram.errors import AssetError
 from twin_diagram.scenario.resources import models_dir
@@ -144,15 +143,6 @@ def test_any_box_has_its_inertia_and_area(
     share = np.array([(np.abs(np.abs(asset.normals_O[:, k]) - 1) < 1e-6).mean() for k in range(3)])
     area = np.array([size[1] * size[2], size[0] * size[2], size[0] * size[1]])
     assert np.allclose(share, area / area.sum(), atol=0.01)
-
-
-def test_shell_inertia_of_a_sphere() -> None:
-    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
-    vertices = np.asarray(ball.vertices) + [0.3, 0.0, 0.0]
-    mesh = Mesh(vertices, np.zeros_like(vertices), vertices[:, :2], np.asarray(ball.faces))
-    com, inertia = shell_inertia(mesh, 2.0)
-    assert np.allclose(com, [0.3, 0.0, 0.0], atol=1e-6)
-    assert np.allclose(inertia, np.eye(3) * 2.0 / 3.0 * 2.0 * 0.1**2, rtol=5e-3, atol=1e-6)
 
 
 def test_other_shapes_and_their_symmetry(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import yaml
 from pydrake.common.yaml import yaml_load_typed
 
-from twin_diagram.assets.mesh import Mesh
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
 
@@ -136,22 +135,6 @@ def solid_inertia(spec: AssetSpec) -> Array:
         return np.diag([y * y + z * z, x * x + z * z, x * x + y * y]) * (m / 12)
     r = min(x, y) / 2
     return np.diag([3 * r * r + z * z, 3 * r * r + z * z, 6 * r * r]) * (m / 12)
-
-
-def shell_inertia(mesh: Mesh, mass: float) -> tuple[Array, Array]:
-    """Return the centre of mass p_OBcm (3,) and moments (3, 3) about it, axes of O, of a thin wall of even thickness.
-
-    Exact for each flat triangle: its second moment is area/12 · (Σ vᵢvᵢᵀ + 9 c cᵀ) with its centroid c.
-    """
-    v = mesh.vertices[mesh.faces]
-    area = 0.5 * np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1)
-    centroid = v.mean(axis=1)
-    share = area / area.sum() * mass
-    com = (share[:, None] * centroid).sum(axis=0) / mass
-    corner, middle = v - com, centroid - com
-    second = np.einsum("f,fki,fkj->ij", share / 12, corner, corner)
-    second += np.einsum("f,fi,fj->ij", share * 9 / 12, middle, middle)
-    return com, np.trace(second) * np.eye(3) - second
 
 
 def feet(solid: CollisionShape) -> Array:

@@ -18,7 +18,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from twin_diagram.assets import shapes
 from twin_diagram.assets.building.inertia import solid_of
 from twin_diagram.assets.building.surface import weld
-from twin_diagram.assets.description import AssetSpec, CollisionShape, sdf, shell_inertia, solid_inertia
+from twin_diagram.assets.description import AssetSpec, CollisionShape, sdf, solid_inertia
 from twin_diagram.assets.mesh import write_obj
 from twin_diagram.assets.shapes import Patchwork
 from twin_diagram.assets.texture import patches
@@ -138,9 +138,7 @@ def _write(folder: Path, spec: AssetSpec, patchwork: Patchwork, contact: Sequenc
     folder.mkdir(parents=True, exist_ok=True)
     colour = patches(patchwork.texels.reshape(-1, 3), spec.texture_seed).reshape(patchwork.texels.shape)
     write_obj(patchwork.mesh, folder / spec.visual, np.round(colour * 255).astype(np.uint8))
-    if spec.shape == "mug":
-        com, inertia = shell_inertia(patchwork.mesh, spec.mass)
-    elif spec.shape == "bottle":
+    if spec.shape in ("bottle", "mug"):
         mesh = patchwork.mesh
         body = solid_of(weld(mesh.vertices[mesh.faces]))
         com, inertia = body.centre, body.inertia(spec.mass)

@@ -182,6 +182,60 @@ def test_it_stays_clear_of_what_a_predicate_tells(iiwa: Model, X_TO: RigidTransf
         )
 
 
+def test_the_slope_of_what_is_missing_of_room(carried: CarriedMotion, iiwa: Model) -> None:
+    def room(q: np.ndarray) -> np.ndarray:
+        off = q - POSTURE
+        return np.column_stack(
+            [0.05 - 0.1 * off[:, 3] ** 2 - 0.05 * off[:, 5] * off[:, 1], 0.02 * np.cos(2.0 * off[:, 6])]
+        )
+
+    limits = MotionLimits.of(iiwa).near(POSTURE, np.full(7, np.pi))
+    cost, free = (ExcitationCost.of(carried, limits, None, Harmonics(4.0, 5), one) for one in (room, None))
+    x = cost.drawn(np.random.default_rng(0))
+    value, slope = cost.value_and_slope(x, 0.1)
+    assert value > free.value_and_slope(x, 0.1)[0]
+    for k in (1, 3, 5, 6, 10, 12, 19, 20, 50):
+        e = 1e-5 * np.eye(len(x))[k]
+        numeric = (cost.value_and_slope(x + e, 0.1)[0] - cost.value_and_slope(x - e, 0.1)[0]) / 2e-5
+        assert slope[k] == pytest.approx(numeric, rel=2e-3, abs=1e-3), k
+
+
+def test_where_room_is_told_only_what_comes_near_is_narrowed(iiwa: Model, X_TO: RigidTransform, box: Shape) -> None:
+    """Two joints of the arm are barred; where nobody told by how much, all were narrowed, the wrist's too."""
+
+    def room(q: np.ndarray) -> np.ndarray:
+        return np.asarray(0.2 * (0.3 - np.abs(q[:, [1, 3]] - POSTURE[[1, 3]])))
+
+    def clear(q: np.ndarray) -> np.ndarray:
+        return np.asarray((room(q) >= 0.0).all(axis=1))
+
+    plan = ExcitationPlan(period=4.0, harmonics=6, starts=1, steps=20)
+    narrowed = optimise_excitation(iiwa, X_TO, box.even(0.5), POSTURE, clear=clear, plan=plan)
+    found = optimise_excitation(iiwa, X_TO, box.even(0.5), POSTURE, clear=clear, plan=plan, room=room)
+    q = [one.sampled(200.0)[1][0] for one in (narrowed, found)]
+    assert clear(found.sampled(100.0)[1][0]).all() and max(found.use.values()) <= 1.0
+    assert np.ptp(q[1][:, 4:], axis=0).sum() > 1.5 * np.ptp(q[0][:, 4:], axis=0).sum()
+    assert narrowed.bound is not None and found.bound is not None
+    assert found.bound.moments.max() < 0.8 * narrowed.bound.moments.max()
+
+
+def test_a_motion_that_comes_a_little_too_near_is_scaled_down_a_little(
+    iiwa: Model, X_TO: RigidTransform, box: Shape
+) -> None:
+    free = optimise_excitation(iiwa, X_TO, box.even(0.5), POSTURE, plan=SHORTEST)
+    most = np.abs(free.sampled(100.0)[1][0] - free.posture).max(axis=0)
+
+    def clear(q: np.ndarray) -> np.ndarray:
+        return np.asarray((np.abs(q - free.posture) <= 0.9 * most).all(axis=1))
+
+    start = np.abs(POSTURE - free.posture) <= 0.9 * most
+    assert start.all()
+    found = optimise_excitation(iiwa, X_TO, box.even(0.5), POSTURE, clear=clear, plan=SHORTEST)
+    assert clear(found.sampled(100.0)[1][0]).all()
+    np.testing.assert_allclose(found.scale / free.scale, 0.9, atol=0.005)
+    np.testing.assert_allclose(found.posture, free.posture)
+
+
 def test_what_cannot_be_is_refused(iiwa: Model, X_TO: RigidTransform, box: Shape) -> None:
     body = box.even(0.5)
     with pytest.raises(WeighingError, match="7 finite numbers"):

@@ -81,6 +81,18 @@ def test_what_is_swung_keeps_farther_from_what_stands_about_than_open_fingers_be
     assert not mover.free(home, gap + 0.001, on_purpose=False)[0] and mover.free(home, gap - 0.001, on_purpose=False)[0]
 
 
+def test_room_is_what_is_left_beyond_what_must_be() -> None:
+    twin = load_scenario("bin_picking").twin
+    mover, home = Mover(twin, {}, np.full(7, 2.0)), np.array(twin.home)
+    mover.stand("here", [np.array([[0.5, 0.1, 0.2]])], 0.0)
+    q = home + np.random.default_rng(0).normal(size=(200, 7)) * 0.6
+    room = mover.room(q, 0.02)
+    free = mover.free(q, 0.02, on_purpose=False)
+    assert 20 < free.sum() < 180 and ((room >= 0.0).all(axis=1) == free).all()
+    slope = (mover.room(q + 1e-4, 0.02) - room) / 1e-4
+    assert (np.abs(slope[room < 0.02]) < 4.0).all() and (np.abs(slope[room < 0.0]) > 0.01).mean() > 0.8
+
+
 def test_what_is_held_low_can_be_set_down_in_a_bin_and_the_way_back_leads_over_its_walls() -> None:
     """The tool's frame 12 mm over the lowest point of what it holds, which is let go 3 mm over the bottom."""
     twin = load_scenario("bin_picking").twin

@@ -70,6 +70,7 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     monkeypatch.setattr(handling, "show_first", bin_.show)
     monkeypatch.setattr(handling, "let_go", bin_.let_go)
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
+    monkeypatch.setattr(pipeline, "seek", lambda *told: Sought("nothing is seen"))
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.correct_cameras", lambda *told: [])
     record = LearningRecord(folder, Scenario())
     hand = SimpleNamespace(opening_most=0.115)
@@ -84,7 +85,7 @@ def test_what_fails_again_and_again_is_left_in_the_bin(tmp_path: Path, monkeypat
     assert bin_.failures == [0.0] * 3 + [0.3] * 3
     assert run.state.finished and [g[0] for g in run.state.given_up] == [0.0, 0.3]
     assert [one.state for one in run.state.learned] == ["failed"] * 6
-    assert '"give up", "why": "it was lost"' in (tmp_path / "run" / "events.jsonl").read_text()
+    assert '"give up", "why": "it was lost; nothing is seen"' in (tmp_path / "run" / "events.jsonl").read_text()
     assert LearningRecord(tmp_path / "run", Scenario()).resume().failed_at == run.state.failed_at != []
 
 
@@ -150,12 +151,12 @@ def test_what_a_camera_that_stops_cannot_show_is_marked_before_the_run_ends(
     monkeypatch.setattr(handling, "show_first", show_first)
     monkeypatch.setattr(handling, "show_again", stops)
     monkeypatch.setattr(handling, "write_frames", lambda folder, *told: written.append(folder.parent.name))
-    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.seek", lambda *told: (Sought("nothing"), PICTURE))
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.seek", lambda *told: Sought("nothing"))
     run._jobs = SimpleNamespace(poll=list, pending=[], add=lambda *told: None, close=lambda: None)  # type: ignore[assignment]
     with pytest.raises(StationError, match="'scan' measures no depth"):
         run.run()
     (one,) = LearningRecord(tmp_path / "run", Scenario()).resume().learned
-    assert (one.state, one.why) == ("handled", "camera 'scan' measures no depth")
+    assert (one.state, one.why) == ("handled", "camera 'scan' measures no depth; nothing")
     assert written == ["object_01"], "what was seen of it is kept"
 
 
@@ -266,11 +267,11 @@ def test_what_one_grasp_leaves_no_place_for_is_put_away_in_another(
     mover = SimpleNamespace(tool=lambda q: np.eye(4))
     tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=mover, gripper=None, cameras={}, faces=None)
     run.tools = tools
-    monkeypatch.setattr(pipeline, "seek", lambda *told: (Sought("nothing lies there"), PICTURE))
+    monkeypatch.setattr(pipeline, "seek", lambda *told: Sought("nothing lies there"))
     run.run()
     (one,) = run.state.learned
     assert bool(one.standing) == again and grasps == [int(again)]
-    assert one.why == ("" if again else "something is in the way of setting it down")
+    assert one.why == ("" if again else "something is in the way of setting it down; nothing lies there")
     stages = [line for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines() if "put away" in line]
     assert len(stages) == 1 + again
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +17,7 @@ from twin_diagram.runs.learning import regrasping
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.looking_about import LyingAbout
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.regrasping import fallen_pose, other_grasps, take_again
 from twin_diagram.runs.learning.shown_object import ShownObject
@@ -22,6 +25,15 @@ from twin_diagram.scenario import Learning
 
 AT = np.array([0.52, 0.0, 0.06])
 NOBODY: Any = SimpleNamespace()
+
+
+def no_walls(thing: SeenThing) -> np.ndarray:
+    return np.zeros((0, 3))
+
+
+def arguments(mover: Any, learning: Learning, shown: ShownObject, X_WS: Any, order: Any, look: Any) -> tuple[Any, ...]:
+    """Those of `take_again` where no walls are about."""
+    return mover, NOBODY, learning, gripper_of("wsg50"), shown, X_WS, order, look, no_walls
 
 
 def box_seen() -> SeenThing:
@@ -46,12 +58,14 @@ def test_the_picture_alone_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -
     def take(mover: Any, cell: Any, reach: Any) -> Taken | None:
         return None if len(asked) < 5 else Taken(reach.X_WT, 0.04, 0)
 
-    for name, stand_in in (("on_platform", lambda cell, learning: thing), ("reach_of", reach_of), ("take", take)):
+    for name, stand_in in (("reach_of", reach_of), ("take", take)):
         monkeypatch.setattr(regrasping, name, stand_in)
+    lying, mover = LyingAbout(thing, AT[2], NOBODY), SimpleNamespace(stand=lambda *told: None)
     X_WS = np.eye(4)
     X_WS[:3, 3] = AT
     learning = Learning(platform=[[0.42, -0.1, 0.0], [0.62, 0.1, 0.06]])
-    found = take_again(NOBODY, NOBODY, learning, gripper_of("wsg50"), shown, X_WS, lambda grasps, X: [])
+    told = partial(arguments, mover, learning, shown, X_WS, lambda grasps, X: [])
+    found = take_again(*told(lambda: lying))
     assert asked[:3] == [0, 0, 0] and min(asked[3:]) > 0 and len(asked) == 5
     assert found is not None
     np.testing.assert_allclose(found[1], np.linalg.inv(X_WS), atol=2e-3)
@@ -62,17 +76,50 @@ def test_the_picture_alone_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -
     assert "the fingers held nothing" in shown.notes[3]
 
 
-def test_what_is_gone_from_the_platform_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ring lay on the table beside the platform, and all that was told was that it could not be taken again."""
+@pytest.mark.parametrize("beside", [False, True])
+def test_where_nothing_is_seen_fingers_do_not_shut(monkeypatch: pytest.MonkeyPatch, beside: bool) -> None:
+    """A ring lay on the table beside the platform, and the hand took air where it had been."""
     cloud, outward = block((0.04, 0.05, 0.08))
-    shown = ShownObject(Followed(points=cloud, normals=outward))
-    for name in ("on_platform", "reach_of"):
-        monkeypatch.setattr(regrasping, name, lambda *told: None)
+    shown, looks, reached = ShownObject(Followed(points=cloud, normals=outward)), [], []
+    other = replace(box_seen(), beside=True)
+    flat = replace(other, points=other.points * [8.0, 8.0, 0.1], normals=np.tile([0.0, 0.0, 1.0], (1800, 1)))
+
+    def look() -> LyingAbout | None:
+        looks.append(1)
+        return LyingAbout(flat, 0.0, NOBODY) if beside else None
+
+    monkeypatch.setattr(regrasping, "reach_of", lambda *told: reached.append(1))
     X_WS = np.eye(4)
     X_WS[:3, 3] = AT + [0.0, 0.0, 0.04]
-    learning = Learning(platform=[[0.42, -0.1, 0.0], [0.62, 0.1, 0.06]], tries=1)
-    assert take_again(NOBODY, NOBODY, learning, gripper_of("wsg50"), shown, X_WS, lambda grasps, X: []) is None
-    assert len(shown.notes) == 2 and all("nothing is seen there" in note for note in shown.notes)
+    learning = Learning(platform=[[0.42, -0.1, 0.0], [0.62, 0.1, 0.06]])
+    told = partial(arguments, NOBODY, learning, shown, X_WS, lambda grasps, X: [])
+    assert take_again(*told(look)) is None
+    assert len(looks) == 2 and not reached, "it is looked again first"
+    why = "no known pose fits" if beside else "nothing is seen there or about it"
+    assert len(shown.notes) == 2 and all(why in note for note in shown.notes)
+
+
+def test_what_fell_off_the_platform_is_taken_from_where_it_lies_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    cloud, outward = block((0.04, 0.04, 0.08))
+    shown = ShownObject(Followed(points=cloud, normals=outward))
+    seen, off = box_seen(), np.array([-0.15, -0.11, -0.06])
+    lying = LyingAbout(replace(seen, points=seen.points + off, beside=True), 0.0, NOBODY)
+    places, stood = list[Any](), list[Any]()
+
+    def order(grasps: Any, X_WS: Any) -> list[int]:
+        places.append((X_WS[:3, 3], grasps.poses[:, 4:].mean(axis=0)))
+        return [0]
+
+    monkeypatch.setattr(regrasping, "reach_of", lambda *told: SimpleNamespace(X_WT=np.eye(4)))
+    monkeypatch.setattr(regrasping, "take", lambda *told: Taken(np.eye(4), 0.04, 0))
+    X_WS = np.eye(4)
+    X_WS[:3, 3] = AT + [0.0, 0.0, 0.04]
+    mover = SimpleNamespace(stand=lambda where, clouds, support: stood.append((clouds[0].min(axis=0)[2], support)))
+    told = partial(arguments, mover, Learning(), shown, X_WS, order)
+    assert take_again(*told(lambda: lying)) is not None
+    now, grasped = places[0]
+    np.testing.assert_allclose(now, X_WS[:3, 3] + off, atol=3e-3)
+    assert np.linalg.norm((grasped - now)[:2]) < 0.02 and stood[0] == pytest.approx((0.0, 0.0), abs=4e-3)
 
 
 def block(size: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ import pytest
 from twin_diagram.errors import StationError
 from twin_diagram.runs.learning import seeking
 from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.looking_about import LyingAbout
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.seeking import seek
@@ -21,6 +22,9 @@ POINTS = np.array([[0.5, 0.0, 0.2], [0.52, 0.02, 0.22]])
 FELL = PutDown((0.1, 0.6), 0.05, 0.1)
 
 
+NO_PICTURE: Any = None
+
+
 def no_room(*told: Any) -> PutDown:
     raise NoWay("no room in the other bin")
 
@@ -29,26 +33,36 @@ def no_room(*told: Any) -> PutDown:
 def test_what_cannot_be_put_away_is_known_to_lie_where_it_was_let_fall(
     monkeypatch: pytest.MonkeyPatch, falls: PutDown | None, looks: int
 ) -> None:
-    thing, pictures = SeenThing(POINTS, POINTS, np.zeros((2, 2), np.int64), np.zeros(3)), []
-    monkeypatch.setattr(seeking, "steady_picture", lambda cell, name: pictures.append(name))
-    monkeypatch.setattr(seeking, "fallen", lambda tools, picture: (thing, 0.18))
+    thing, looks_taken = SeenThing(POINTS, POINTS, np.zeros((2, 2), np.int64), np.zeros(3)), []
+    lying = LyingAbout(thing, 0.18, NO_PICTURE)
+
+    def look(*told: Any) -> LyingAbout:
+        looks_taken.append(told[-1])
+        return lying
+
+    monkeypatch.setattr(seeking, "look_about", look)
+    monkeypatch.setattr(seeking, "go_home", lambda tools: None)
     monkeypatch.setattr(seeking, "_take_fallen", lambda *told: (Taken(np.eye(4), 0.02, 0), ""))
     monkeypatch.setattr(seeking, "put_away", no_room)
     monkeypatch.setattr(seeking, "let_go", lambda tools: falls)
     mover = SimpleNamespace(stand=lambda *told: None)
-    tools: Any = SimpleNamespace(cell=None, mover=mover, learning=Learning(tries=3))
-    found, _ = seek(tools, [])
-    assert found.put == falls and len(pictures) == looks
-    assert found.told.endswith("no room in the other bin") and found.thing is thing
+    tools: Any = SimpleNamespace(cell=None, mover=mover, learning=Learning(tries=3), faces=None, robot=None)
+    places = [POINTS[0]]
+    found = seek(tools, [], places)
+    assert found.put == falls and len(looks_taken) == looks and all(known is places for known in looks_taken)
+    assert found.told.endswith("no room in the other bin") and found.lying is lying
 
 
 def test_where_the_camera_has_stopped_nobody_knows_where_it_lies(monkeypatch: pytest.MonkeyPatch) -> None:
-    def dark(cell: Any, name: str) -> None:
+    def dark(*told: Any) -> None:
         raise StationError("camera 'scan' measures no depth")
 
-    monkeypatch.setattr(seeking, "steady_picture", dark)
-    tools: Any = SimpleNamespace(
-        cell=SimpleNamespace(look=str), mover=SimpleNamespace(stand=lambda *told: None), learning=Learning()
-    )
-    found, _ = seek(tools, [])
+    def no_way(tools: Any) -> None:
+        raise NoWay("no way past what stands about")
+
+    monkeypatch.setattr(seeking, "look_about", dark)
+    monkeypatch.setattr(seeking, "go_home", no_way)
+    mover = SimpleNamespace(stand=lambda *told: None)
+    tools: Any = SimpleNamespace(cell=None, mover=mover, learning=Learning(), faces=None, robot=None)
+    found = seek(tools, [])
     assert found.put is None and found.told == "nobody sees where it lies: camera 'scan' measures no depth"

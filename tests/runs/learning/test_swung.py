@@ -25,10 +25,12 @@ from twin_diagram.runs.learning import swinging, weighing
 from twin_diagram.runs.learning.cell import TUNING as CELL
 from twin_diagram.runs.learning.cell import Cell, Recording
 from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.motion import Mover, pointing, pose
 from twin_diagram.runs.learning.record import SWUNG
 from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.swung_log import Swung, read_swung, slipped, way_slipped, write_swung
 from twin_diagram.runs.learning.weighing import Slipping, first_mass, grip_on, share_of, swing
+from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array
 
 
@@ -196,9 +198,9 @@ def test_what_cannot_be_swung_was_weighed_at_rest(
     monkeypatch.setattr(swinging, "weigh_at_rest", lambda model, mover, cell: 0.9)
     monkeypatch.setattr(swinging, "swing_held", no_motion)
     learning = scenario.Learning(into_bin=[[0.276, 0.166, 0.007], [0.564, 0.554, 0.12]])
-    mover = SimpleNamespace(blocked=lambda low, high: nullcontext())
+    monkeypatch.setattr(swinging, "kept_clear", lambda tools: nullcontext())
     tools: Any = SimpleNamespace(
-        learning=learning, mover=mover, cell=SimpleNamespace(opening=opening), model=None, driven=None
+        learning=learning, mover=None, cell=SimpleNamespace(opening=opening), model=None, driven=None
     )
     shown = ShownObject(Followed(points=np.zeros((1, 3))), [np.eye(4)])
     with pytest.raises(WeighingError, match="no motion"):
@@ -238,9 +240,9 @@ def test_what_slid_far_is_swung_once_more_and_kept_where_it_slid_less(
         monkeypatch.setattr(swinging, name, stage)
     for name in ("_glance", "_find_turned", "hold_seen"):
         monkeypatch.setattr(swinging, name, lambda *told: [])
-    mover = SimpleNamespace(blocked=lambda low, high: nullcontext())
+    monkeypatch.setattr(swinging, "kept_clear", lambda tools: nullcontext())
     tools: Any = SimpleNamespace(
-        learning=scenario.Learning(), mover=mover, cell=SimpleNamespace(opening=0.04), model=None, driven=None
+        learning=scenario.Learning(), mover=None, cell=SimpleNamespace(opening=0.04), model=None, driven=None
     )
     shown = ShownObject(Followed(points=np.zeros((1, 3))), [np.eye(4)])
     assert swinging.weigh_held(tools, shown, tmp_path) == 0.9
@@ -250,6 +252,24 @@ def test_what_slid_far_is_swung_once_more_and_kept_where_it_slid_less(
     assert told.number == (1 if kept == ways[0] else 2), "the empty hand is swung as what is kept was"
     assert len(shown.notes) == notes and all("mm and 0°" in note for note in shown.notes[:1])
     assert shown.X_ST[-1][2, 3] == pytest.approx(sum(way or 0.0 for way in ways)), "where it is held now"
+
+
+def test_what_is_swung_stays_before_the_arm_and_off_cameras_and_the_other_bin() -> None:
+    """Over its head a hand came a metre behind the arm, where nobody told what stands and no camera sees."""
+    told = load_scenario("bin_picking").twin
+    mover, home = Mover(told, {}, np.full(7, 2.0)), np.array(told.home)
+    tools: Any = SimpleNamespace(learning=told.learning, mover=mover, cameras=told.cameras)
+    turned, down = home + [np.pi - 0.2, *6 * [0.0]], pointing(np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0]))
+    ahead = pointing(np.array([0.0, -0.3, 1.0]), np.array([1.0, 0.0, 0.0]))
+    at_camera = mover.goals(pose(ahead, np.array([0.42, -0.36, 0.9])), home)[:1]
+    over_bin = mover.goals(pose(down, np.array([0.42, 0.36, 0.21])), home)[:1]
+    assert len(at_camera) == len(over_bin) == 1
+    rows = np.vstack([home, turned, at_camera, over_bin])
+    free = (mover.room(rows, 0.02) >= 0.0).all(axis=1)
+    with swinging.kept_clear(tools):
+        kept = (mover.room(rows, 0.02) >= 0.0).all(axis=1)
+    assert free.tolist() == [True, True, True, True] and kept.tolist() == [True, False, False, False]
+    assert ((mover.room(rows, 0.02) >= 0.0).all(axis=1) == free).all()
 
 
 def test_what_has_no_room_about_one_posture_is_swung_about_another(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform
 
 from twin_diagram.estimation.weighing.bound import Bound, crlb
 from twin_diagram.estimation.weighing.carried_motion import CarriedMotion
-from twin_diagram.estimation.weighing.excitation_cost import ExcitationCost
+from twin_diagram.estimation.weighing.excitation_cost import ExcitationCost, Room
 from twin_diagram.estimation.weighing.grip import Grip
 from twin_diagram.estimation.weighing.harmonics import Harmonics
 from twin_diagram.estimation.weighing.held import Held, WeighingError, as_pose
@@ -158,6 +158,7 @@ def optimise_excitation(
     grip: Grip | None = None,
     clear: Clear | None = None,
     plan: ExcitationPlan = ExcitationPlan(),
+    room: Room | None = None,
 ) -> Excitation:
     """Return a motion that makes the Cramér–Rao bound of an object's ten parameters small.
 
@@ -173,6 +174,7 @@ def optimise_excitation(
         grip: None: nothing slips.
         clear: tells which postures (N, n) are clear of everything, the object included; None: all are.
         plan: length, harmonics, and how long it is looked for.
+        room: to everything, as `clear` asks for it; None: a motion that is not clear is narrowed as a whole.
 
     Raises:
         NotClear: surroundings that the posture is not clear of, or that leave no motion about it.
@@ -196,10 +198,11 @@ def optimise_excitation(
     reach = np.full(len(posture), np.pi)
     start: Array | None = None
     for _ in range(TUNING.tries):
-        cost = ExcitationCost.of(carried, limits.near(posture, reach), grip, Harmonics(plan.period, plan.harmonics))
+        harmonics = Harmonics(plan.period, plan.harmonics)
+        cost = ExcitationCost.of(carried, limits.near(posture, reach), grip, harmonics, room)
         start = _stricter(cost, _searched(cost, plan, start))
-        found = _within(cost, carried, start)
-        if clear is None or bool(np.all(clear(found.sampled(TUNING.check_rate)[1][0]))):
+        found = _clear_of(_within(cost, carried, start), cost, carried, start, clear)
+        if found is not None:
             motion = found.sampled(plan.rate)[1]
             return replace(found, bound=crlb(model, X_TO, carried.parameters, motion, plan.noise))
         reach, start = TUNING.narrower * np.minimum(reach, 1.5), cost.shrunk(start, TUNING.narrower)
@@ -271,3 +274,24 @@ def _within(cost: ExcitationCost, carried: CarriedMotion, x: Array) -> Excitatio
     whole[carried.held.rows] = posture
     use = cost.use(x, time)
     return Excitation(carried.model.joints, whole, carried.held.rows, cost.harmonics, coefficients, None, use, scale)
+
+
+def _clear_of(
+    found: Excitation, cost: ExcitationCost, carried: CarriedMotion, x: Array, clear: Clear | None
+) -> Excitation | None:
+    """Return a motion, of some numbers (size), scaled down as little as keeps it clear; None: a little does not."""
+
+    def is_clear(factor: float) -> bool:
+        q = found.posture + factor * (found.sampled(TUNING.check_rate)[1][0] - found.posture)
+        return clear is None or bool(np.all(clear(q)))
+
+    if is_clear(1.0):
+        return found
+    low, high = TUNING.much, 1.0
+    if not is_clear(low):
+        return None
+    for _ in range(6):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_clear(middle) else (low, middle)
+    smaller = _within(cost, carried, cost.scaled(x, low * found.scale))
+    return replace(smaller, scale=low * found.scale)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +46,22 @@ class Tuning:
     norm: int = 4
     """Of the norm over the seven: the worst counts most."""
 
+    finer: int = 3
+    """Times as many samples tell how near it comes to what stands about: a hand goes 3 cm from one to the next then."""
+
+    spare: float = 0.01
+    """Room asked for beyond what must be left, for what is between these [m]."""
+
+    near: float = 0.05
+    """What is missing of room counts like a limit passed by all of it where it is this much [m]."""
+
+    step: float = 1e-5
+    """Of finite differences of room [rad]."""
+
 
 TUNING = Tuning()
+Room = Callable[[Array], Array]
+"""Tells of postures (N, n) [rad] the room to each thing beyond what must be left (N, B) [m]; below zero is too near."""
 KINDS = ("position", "velocity", "acceleration", "torque")
 """Of limits per joint, in the order in which shares of them are told."""
 
@@ -62,6 +77,7 @@ class ExcitationCost:
         harmonics: of the motion.
         time: (N,) samples at which it is looked at.
         functionals: (7, 10) what is to be known, each over what it is to reach.
+        room: to what stands about; None: nothing does.
     """
 
     carried: CarriedMotion
@@ -70,16 +86,23 @@ class ExcitationCost:
     harmonics: Harmonics
     time: Array
     functionals: Array
+    room: Room | None = None
 
     @staticmethod
-    def of(carried: CarriedMotion, limits: MotionLimits, grip: Grip | None, harmonics: Harmonics) -> ExcitationCost:
+    def of(
+        carried: CarriedMotion,
+        limits: MotionLimits,
+        grip: Grip | None,
+        harmonics: Harmonics,
+        room: Room | None = None,
+    ) -> ExcitationCost:
         """Return the cost; `limits` (n,) are those of all joints."""
         count = int(np.ceil(TUNING.per_harmonic * harmonics.count))
         time = np.arange(count) * harmonics.period / count
         scale = np.array([TUNING.mass, *3 * [TUNING.centre], *3 * [TUNING.moment]])
         rows = carried.held.rows
         functionals = wanted(carried.parameters) / scale[:, None]
-        return ExcitationCost(carried, limits.of_joints(rows), grip, harmonics, time, functionals)
+        return ExcitationCost(carried, limits.of_joints(rows), grip, harmonics, time, functionals, room)
 
     def parts(self, x: Array) -> tuple[Array, Array]:
         """Return posture (m,) and coefficients (size, m)."""
@@ -158,10 +181,37 @@ class ExcitationCost:
             by_wrench = 2.0 * weight * over[:, None] * self.grip.slope(asked.wrench)
             indirect += np.einsum("knc,nc->kn", slopes.wrench, by_wrench)
         gradients = [direct[k] + indirect[k * m : (k + 1) * m].T for k in range(3)]
-        by_coefficients = sum(
-            basis.T @ gradient for basis, gradient in zip(self.harmonics.at(self.time), gradients, strict=True)
+        by_coefficients = np.asarray(
+            sum(basis.T @ gradient for basis, gradient in zip(self.harmonics.at(self.time), gradients, strict=True))
         )
-        return value, np.concatenate([gradients[0].sum(axis=0), np.asarray(by_coefficients).ravel()])
+        by_posture = gradients[0].sum(axis=0)
+        if self.room is not None:
+            missing, slope = self._missing(x)
+            value += weight * missing
+            by_posture = by_posture + weight * slope[: len(by_posture)]
+            by_coefficients = by_coefficients + weight * slope[len(by_posture) :].reshape(by_coefficients.shape)
+        return value, np.concatenate([by_posture, by_coefficients.ravel()])
+
+    def _missing(self, x: Array) -> tuple[float, Array]:
+        """Return the squares of what is missing of room, as a mean over samples times their number, and its slope."""
+        assert self.room is not None
+        count = TUNING.finer * len(self.time)
+        basis = self.harmonics.at(np.arange(count) * self.harmonics.period / count)[0]
+        posture, coefficients = self.parts(x)
+        rows, q = self.carried.held.rows, posture + basis @ coefficients
+        full = np.tile(self.carried.others, (count, 1))
+        full[:, rows] = q
+        short = np.maximum(TUNING.spare - self.room(full), 0.0) / TUNING.near
+        close = np.flatnonzero((short > 0.0).any(axis=1))
+        value = float(np.sum(short**2)) / TUNING.finer
+        if not len(close):
+            return value, np.zeros_like(x)
+        moved = np.tile(full[close], (len(rows), 1, 1))
+        moved[np.arange(len(rows)), :, rows] += TUNING.step
+        other = np.maximum(TUNING.spare - self.room(moved.reshape(-1, full.shape[1])), 0.0) / TUNING.near
+        change = (other.reshape(len(rows), len(close), -1) - short[close]) / TUNING.step
+        by_q = 2.0 * np.einsum("nb,jnb->nj", short[close], change) / TUNING.finer
+        return value, np.concatenate([by_q.sum(axis=0), (basis[close].T @ by_q).ravel()])
 
     def _told(self, Y: Array, v: Array) -> tuple[float, Array, Array]:
         """Return the logarithm of the norm of standard errors, and its slopes by Y (N, m, 10) and by v (N, m).

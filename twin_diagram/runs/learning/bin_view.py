@@ -87,6 +87,10 @@ class Tuning:
     yaws: int = 24
     """Angles about the vertical at which something flat is taken: every 7.5°."""
 
+    leaning: tuple[float, ...] = (0.0, 0.35, -0.35)
+    """By how much the hand leans about its closing axis where something lies on the table [rad]: 38 cm from the axis
+    of an iiwa 7 a hand that hangs straight down asks for an elbow bent by 123°, of 120."""
+
     beside_middle: tuple[float, ...] = (0.0, 0.015, -0.015)
     """Off its middle, across the closing axis [m]."""
 
@@ -131,6 +135,11 @@ class SeenThing:
     def middle(self) -> Array:
         """(3,) of the box about it [m]."""
         return np.asarray((self.points.min(axis=0) + self.points.max(axis=0)) / 2)
+
+    @property
+    def at(self) -> list[float]:
+        """`middle` to millimetres, as lines tell it [m]."""
+        return [round(float(value), 3) for value in self.middle]
 
     @property
     def top(self) -> float:
@@ -238,7 +247,7 @@ def grasps_of_thing(
 
 
 def upright_poses(thing: SeenThing, gripper: Gripper, floor: float) -> Array:
-    """Return tool poses (M, 7) straight from above, at every angle and some heights.
+    """Return tool poses (M, 7) straight from above, at every angle and some heights; on the table leaning ones, too.
 
     They are about a thing's middle, and about places on the walls of what has a hole.
     """
@@ -248,10 +257,12 @@ def upright_poses(thing: SeenThing, gripper: Gripper, floor: float) -> Array:
     found = []
     for yaw in np.arange(TUNING.yaws) * (np.pi / TUNING.yaws):
         y = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        R = np.column_stack([np.cross(y, [0.0, 0.0, -1.0]), y, [0.0, 0.0, -1.0]])
-        quaternion = rotations.from_matrix(R)
-        about = [thing.middle[:2] + off * R[:2, 0] for off in TUNING.beside_middle]
-        found += [np.concatenate([quaternion, place, [height]]) for place in (*about, *walls) for height in heights]
+        across, down = np.cross(y, [0.0, 0.0, -1.0]), np.array([0.0, 0.0, -1.0])
+        about = [thing.middle[:2] + off * across[:2] for off in TUNING.beside_middle]
+        for lean in TUNING.leaning if thing.beside else (0.0,):
+            z = np.cos(lean) * down + np.sin(lean) * across
+            quaternion = rotations.from_matrix(np.column_stack([np.cross(y, z), y, z]))
+            found += [np.concatenate([quaternion, place, [height]]) for place in (*about, *walls) for height in heights]
     return np.array(found)
 
 

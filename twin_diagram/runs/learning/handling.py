@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -26,11 +25,12 @@ from twin_diagram.runs.learning.display import display
 from twin_diagram.runs.learning.felt_weight import Centre, Felt, centre_felt
 from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew
 from twin_diagram.runs.learning.in_the_way import why_barred
+from twin_diagram.runs.learning.looking_about import LyingAbout, look_about
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import go, lift_over, take
 from twin_diagram.runs.learning.record import LearningError
-from twin_diagram.runs.learning.regrasping import take_again
+from twin_diagram.runs.learning.regrasping import PLATFORM, take_again
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runs.learning.steady_picture import refuse_blind, steady_picture
@@ -63,8 +63,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-PLATFORM: Final = "platform"
-"""Name of what stands there, see `Mover.stand`."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +166,7 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
         X_ST = followed.X_ST[-1]
         result = ShownObject(followed, [X_ST], [tools.cell.apart], R_WT=result.R_WT @ X_ST[:3, :3])
         hold_seen(tools, result)
+    result.beside = [other.middle for other in picked.others if other.beside]
     feel(tools, result, felt)
     look_over(tools, result)
     return result
@@ -236,7 +235,9 @@ def show_again(tools: Tools, shown: ShownObject, firm: bool = False) -> bool:
     order = partial(
         order_of, held=shown.X_ST, seen=shown.seen, gripper=tools.gripper, learning=tools.learning, p_WC=p_WC, firm=firm
     )
-    found = take_again(tools.mover, tools.cell, tools.learning, tools.gripper, shown, X_WS, order)
+    look = partial(_look_again, tools, shown.beside)
+    walls = partial(walls_about, tools)
+    found = take_again(tools.mover, tools.cell, tools.learning, tools.gripper, shown, X_WS, order, look, walls)
     tools.mover.stand(PLATFORM, [], 0.0)
     if found is None:
         return False
@@ -256,6 +257,18 @@ def show_again(tools: Tools, shown: ShownObject, firm: bool = False) -> bool:
     feel(tools, shown, felt)
     look_over(tools, shown)
     return True
+
+
+def _look_again(tools: Tools, known: Sequence[Array]) -> LyingAbout | None:
+    """Return what was set down, wherever it lies now; the arm, after a try over it, goes out of the cameras' sight."""
+    with contextlib.suppress(NoWay):
+        go_home(tools)
+    return look_about(tools.cell, tools.learning, tools.faces, tools.robot, known)
+
+
+def walls_about(tools: Tools, thing: SeenThing) -> Array:
+    """Return points (N, 3) of walls about a thing on the table, which are in the hand's way [m]."""
+    return np.vstack([np.zeros((0, 3)), *upright_points(tools.faces, thing)])
 
 
 def keep_clear(tools: Tools, standing: Sequence[PutDown]) -> None:

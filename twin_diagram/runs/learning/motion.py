@@ -144,6 +144,7 @@ class Mover:
         self.lower, self.upper = np.maximum(self.scene.lower, -bound), np.minimum(self.scene.upper, bound)
         self._carrying = self.scene
         self._standing: dict[str, Body] = {}
+        self._fence: tuple[Array, Array] | None = None
 
     def stand(self, where: str, clouds: Sequence[Array], support: float) -> None:
         """Keep ways clear of what stands somewhere, from here on; straight lines of the tool go there on purpose.
@@ -175,6 +176,15 @@ class Mover:
             yield
         finally:
             del self._standing["blocked"]
+
+    @contextmanager
+    def fenced(self, low: Array, high: Array) -> Iterator[None]:
+        """Keep the tool, while something is swung, between corners (3,) in W [m] until the block ends."""
+        self._fence = low, high
+        try:
+            yield
+        finally:
+            self._fence = None
 
     def tool(self, q: Array) -> Array:
         """Return X_WT (4, 4) at joint angles (n,)."""
@@ -224,6 +234,18 @@ class Mover:
         if on_purpose:  # before a grasp open fingers are beside what they take, or just above it
             wanted[len(self._carrying.clearance.bodies) :] = min(clearance, TUNING.close)
         return np.asarray((near[:, :-1] >= wanted).all(axis=1) & (near[:, -1] >= TUNING.own))
+
+    def room(self, q: Array, clearance: float, beyond: float = 0.03) -> Array:
+        """Return by how much more than a clearance joint angles (M, n) keep from each thing (M, B + 2) [m].
+
+        As what is swung is asked for; the last are the arm itself and the fence. More than `beyond` is not told.
+        """
+        near = self.distances(q, max(clearance, TUNING.own) + beyond)
+        inside = np.full((len(q), 1), beyond)
+        if self._fence is not None:
+            tip, (low, high) = self.scene.chain.tool(self.scene.chain.place(q))[:, :3, 3], self._fence
+            inside = np.minimum(np.minimum(tip - low, high - tip).min(axis=1, keepdims=True), beyond)
+        return np.hstack([near - np.append(np.full(near.shape[1] - 1, clearance), TUNING.own), inside])
 
     def bare_free(self, q: Array, clearance: float, *, standing: bool = False) -> bool:
         """Return whether the arm alone, without what it holds, keeps a distance [m] at joint angles (M, n).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -208,7 +208,7 @@ class Learner:
             one.why = str(why)
             self._let_go(one)
             if not one.standing:
-                self._seek(one)
+                self._seek(one, [other.middle for other in picked.others if other.beside])
         if shown.followed.shown and not (folder / FRAMES).is_dir():
             handling.write_frames(folder / FRAMES, shown, self.tools.gripper)
             self._jobs.add(name, folder)
@@ -272,17 +272,19 @@ class Learner:
         """Return what stands in the other bin."""
         return [PutDown.of_numbers(one.standing) for one in self.state.learned if one.standing]
 
-    def _seek(self, one: Learned) -> None:
-        """Look for what was lost where the cameras see, and put it away; what cannot be had is told with a picture."""
+    def _seek(self, one: Learned, known: Sequence[Array]) -> None:
+        """Look for what was lost where the cameras see, and put it away; what cannot be had is told with a picture.
+
+        What lay on the table before, its middles (3,) in W `known`, is something else.
+        """
         with self._stage(one.name, "seek") as told:
-            found, picture = seek(self.tools, self._standing())
+            found = seek(self.tools, self._standing(), known)
             told["outcome"] = found.told
+        one.why += f"; {found.told}"
         if found.put is not None:
             one.standing = found.put.numbers()
-            one.why += f"; {found.told}"
-        elif found.thing is not None:
-            save_picture(self.record.folder / one.picture, picture, found.thing, found.told)
-            one.why += f"; {found.told}"
+        elif found.lying is not None:
+            save_picture(self.record.folder / one.picture, found.lying.picture, found.lying.thing, found.told)
 
     def _weigh(self, name: str, shown: ShownObject, folder: Path) -> None:
         """Swing what is held, in another grasp where this one hardly holds it; or else its shape alone tells of it."""

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, given_poses, propose, rank, target_of
 from twin_diagram.runs.learning.bin_view import TUNING as BIN_VIEW
-from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing, things_within
+from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing
 from twin_diagram.runs.learning.cell import Cell
-from twin_diagram.runs.learning.following import Followed, register
+from twin_diagram.runs.learning.following import Followed, cover, register
+from twin_diagram.runs.learning.looking_about import LyingAbout
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
 from twin_diagram.runs.learning.setting_down import downwards, hull_sides, pose_over, turned
 from twin_diagram.runs.learning.shown_object import ShownObject
-from twin_diagram.runs.learning.steady_picture import steady_picture
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -53,35 +54,37 @@ class Tuning:
     few: int = 250
     """Points of the picture with which they are."""
 
-    around: float = 0.05
-    """Beside the platform in which its object is looked for [m]."""
+    blank: int = 2
+    """Looks in a row that show nothing anywhere, after which it is not tried any more: fingers would shut on air."""
 
     floor: float = 0.004
     """Height over the platform that fingers stay above [m]."""
 
 
 TUNING = Tuning()
+PLATFORM: Final = "platform"
+"""Name of what stands there, or lies about it, see `Mover.stand`."""
 
 
-def stands_at(one: SeenThing | None, learning: Learning, seen: Followed, X_WS: Array) -> Array:
-    """Return the pose X_WS (4, 4) of what was set down on the platform, as the camera sees it there.
+def stands_at(one: SeenThing, support: float, seen: Followed, X_WS: Array) -> tuple[Array, float]:
+    """Return the pose X_WS (4, 4) of what was set down, as a camera sees it, and the share of the picture it explains.
+
+    Where that is little, nobody knows, and it is the pose that was given.
 
     Args:
-        one: of `on_platform`.
-        learning: where the platform is.
+        one: that is seen.
+        support: height of what it lies on [m].
         seen: the object's cloud in S.
         X_WS: by where the fingers let go.
     """
-    if one is None:
-        return X_WS
     points, normals = one.points[:1500], one.normals[:1500]
     # The picture's points are brought to the cloud: what comes out is where W is in S.
     start = np.asarray(np.linalg.inv(X_WS), dtype=float)
     X_SW, share = register(seen.points, seen.normals, points, normals, start, TUNING.moved, TUNING.reach)
     if share <= TUNING.same:
         # It has tipped over, or turned: it is looked for on every side.
-        X_SW, share = fallen_pose(seen, points, normals, X_WS, float(learning.platform[1][2]))
-    return np.asarray(np.linalg.inv(X_SW), dtype=float) if share > TUNING.same else X_WS
+        X_SW, share = fallen_pose(seen, points, normals, X_WS, support)
+    return np.asarray(np.linalg.inv(X_SW), dtype=float) if share > TUNING.same else X_WS, share
 
 
 def fallen_pose(seen: Followed, points: Array, normals: Array, X_WS: Array, support: float) -> tuple[Array, float]:
@@ -111,15 +114,9 @@ def fallen_pose(seen: Followed, points: Array, normals: Array, X_WS: Array, supp
     return register(seen.points, seen.normals, points, normals, best, TUNING.moved, TUNING.reach)
 
 
-def on_platform(cell: Cell, learning: Learning) -> SeenThing | None:
-    """Return what the scanning camera sees on the platform, the largest; None: nothing."""
-    low, high = (np.array(corner) for corner in learning.platform)
-    box = np.array([*(low[:2] - TUNING.around), high[2]]), np.array([*(high[:2] + TUNING.around), high[2] + 0.3])
-    things = things_within(steady_picture(cell, learning.scan_camera), *box)
-    return max(things, key=lambda thing: len(thing.points), default=None)
-
-
-def other_grasps(shown: ShownObject, X_WS: Array, gripper: Gripper, floor: float, seed: int) -> Grasps:
+def other_grasps(
+    shown: ShownObject, X_WS: Array, gripper: Gripper, floor: float, seed: int, around: Array | None = None
+) -> Grasps:
     """Return grasps in W of an object whose cloud is known; see `grasp_selection` for which of them are wanted.
 
     Args:
@@ -128,6 +125,7 @@ def other_grasps(shown: ShownObject, X_WS: Array, gripper: Gripper, floor: float
         gripper: that takes it.
         floor: height of what it stands on [m].
         seed: of the search.
+        around: (S, 3) points of what is in the hand's way in W [m]; None: nothing is.
     """
     seen = shown.followed
     rng = np.random.default_rng(seed)
@@ -138,10 +136,11 @@ def other_grasps(shown: ShownObject, X_WS: Array, gripper: Gripper, floor: float
     mass, centre = shown.mass_at_rest or BIN_VIEW.usual_mass, 0.5 * (points.min(axis=0) + points.max(axis=0))
     if shown.centre is not None:
         centre = X_WS[:3, :3] @ shown.centre.mean + X_WS[:3, 3]
-    target = target_of(points, normals, table=table, mass=mass, centre=centre)
+    told: dict[str, Any] = {"table": table, "mass": mass, "centre": centre, "surroundings": around}
+    target = target_of(points, normals, **told)
     # Few of one search's grasps are where the weight is, and not all of them are reached.
     found = [
-        propose(points, normals, gripper, count=TUNING.candidates, seed=seed + k, table=table, mass=mass, centre=centre)
+        propose(points, normals, gripper, count=TUNING.candidates, seed=seed + k, **told)
         for k in range(1, 1 + TUNING.searches)
     ]
     every = given_poses(np.concatenate([one.poses for one in found]))
@@ -156,38 +155,52 @@ def take_again(
     shown: ShownObject,
     X_WS: Array,
     order: Callable[[Grasps, Array], list[int]],
+    look: Callable[[], LyingAbout | None],
+    walls: Callable[[SeenThing], Array],
 ) -> tuple[Taken, Array] | None:
-    """Take what stands on the platform, in another grasp where there is one.
+    """Take what was set down on the platform, in another grasp where there is one, from wherever it lies now.
 
     Args:
         mover: plans.
         cell: whose arm is empty.
-        learning: where the platform is.
+        learning: how often it is tried.
         gripper: that takes it.
         shown: the object, with its cloud and what was felt of its weight in S; notes why tries failed.
         X_WS: (4, 4) by where the fingers let go.
         order: numbers of grasps in W of what stands at X_WS (4, 4), those first that are wanted most.
+        look: has the arm out of the way, and tells what lies on the platform or about it.
+        walls: points (S, 3) of what is in the hand's way at a thing [m].
 
     Returns:
         What is held, and X_ST (4, 4) of the tool as it took it; None: every try failed, those of what the picture alone
-        shows too.
+        shows too, or nothing is seen.
     """
-    floor = float(learning.platform[1][2])
+    blank = 0
     for attempt in range(2 * learning.tries):
-        thing = on_platform(cell, learning)
-        X_WS = stands_at(thing, learning, shown.followed, X_WS)
-        grasps, wanted = other_grasps(shown, X_WS, gripper, floor, attempt), []
+        note = f"try {attempt + 1} of taking it from the platform: "
+        lying = look()
+        if lying is not None:
+            thing, floor = lying.thing, lying.support
+            X_WS, share = stands_at(thing, floor, shown.followed, X_WS)
+        if lying is None or (thing.beside and share <= TUNING.same):
+            what = "nothing is seen there or about it" if lying is None else f"no known pose fits {lying.thing.at}"
+            shown.notes.append(note + what)
+            if (blank := blank + 1) == TUNING.blank:
+                break
+            continue
+        blank, around = 0, walls(thing)
         if attempt < learning.tries:
+            grasps = other_grasps(shown, X_WS, gripper, floor, attempt, around)
+            mover.stand(PLATFORM, [cover(shown.followed) @ X_WS[:3, :3].T + X_WS[:3, 3]], floor)
             wanted = order(grasps, X_WS)
-        elif thing is not None:
-            # None of those is to be had: any that the picture alone tells, as if it had never been seen before.
-            grasps = grasps_of_thing(thing, gripper, floor + TUNING.floor, np.zeros((0, 3)), attempt)
+        else:  # none of those is to be had: any that the picture alone tells, as if it had never been seen before
+            grasps = grasps_of_thing(thing, gripper, floor + TUNING.floor, around, attempt)
+            mover.stand(PLATFORM, [thing.points], floor)
             wanted = np.roll(downward(grasps), -2 * (attempt - learning.tries)).tolist()
         reach = reach_of(mover, cell, grasps, wanted)
         taken = take(mover, cell, reach) if reach is not None else None
         if taken is not None:
             return taken, np.asarray(np.linalg.solve(X_WS, taken.X_WT), dtype=float)
         why = "no grasp is reached" if reach is None else "the fingers held nothing"
-        where = "and nothing is seen there" if thing is None else f"it is seen at {np.round(thing.middle, 3).tolist()}"
-        shown.notes.append(f"try {attempt + 1} of taking it from the platform: {why}, {where}")
+        shown.notes.append(f"{note}{why}, it is seen at {thing.at}")
     return None

@@ -1,43 +1,25 @@
-"""Looks for what was lost outside of the bins, where the scanning camera sees, and puts it away."""
+"""Looks for what was lost outside of the bins, wherever a camera sees, and puts it away."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.errors import StationError
-from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing, things_within, why_not
-from twin_diagram.runs.learning.cell import Picture
+from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing, why_not
 from twin_diagram.runs.learning.following import Followed
-from twin_diagram.runs.learning.handling import PLATFORM, Tools, go_home, let_go, put_away
 from twin_diagram.runs.learning.handling import TUNING as HANDLING
+from twin_diagram.runs.learning.handling import Tools, go_home, let_go, put_away, walls_about
+from twin_diagram.runs.learning.looking_about import LyingAbout, look_about
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
+from twin_diagram.runs.learning.regrasping import PLATFORM
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shown_object import ShownObject
-from twin_diagram.runs.learning.steady_picture import steady_picture
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """Constants of this module, with their units and what set them."""
-
-    before: float = 0.03
-    """Between the platform and where things that fell off it are looked for [m]."""
-
-    depth: float = 0.2
-    """How far before the platform they are looked for [m]: as far as the arm reaches down."""
-
-    aside: float = 0.15
-    """The same to both sides [m]."""
-
-    tall: float = 0.3
-    """Height of what may stand there [m]."""
-
-
-TUNING = Tuning()
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -46,61 +28,58 @@ class Sought:
 
     Attributes:
         told: in words.
-        thing: what was seen last; None: nothing.
+        lying: what was seen last, and how; None: nothing.
         put: where it was put; None: it was not.
     """
 
     told: str
-    thing: SeenThing | None = None
+    lying: LyingAbout | None = None
     put: PutDown | None = None
 
 
-def seek(tools: Tools, standing: Sequence[PutDown]) -> tuple[Sought, Picture]:
-    """Look for something on the platform and before it, take it, and put it away beside what stands there."""
-    thing, why = None, ""
+def seek(tools: Tools, standing: Sequence[PutDown], known: Sequence[Array] = ()) -> Sought:
+    """Look for something on the platform and all about it, take it, and put it away beside what stands there.
+
+    Args:
+        tools: whose hand is empty.
+        standing: what stands in the other bin.
+        known: middles (3,) of what lay on the table before: it is left there [m].
+    """
+    lying, why = None, ""
     for attempt in range(tools.learning.tries):
+        with contextlib.suppress(NoWay):
+            go_home(tools)  # what is behind the arm is not seen
         try:
-            picture = steady_picture(tools.cell, tools.learning.scan_camera)
+            found = look_about(tools.cell, tools.learning, tools.faces, tools.robot, known)
         except StationError as error:
             tools.mover.stand(PLATFORM, [], 0.0)
-            return Sought(f"nobody sees where it lies: {error}"), tools.cell.look(tools.learning.scan_camera)
-        found = fallen(tools, picture)
+            return Sought(f"nobody sees where it lies: {error}", lying)
         if found is None:
-            return Sought("nothing lies on the platform or before it" if thing is None else why, thing), picture
-        thing, support = found
+            tools.mover.stand(PLATFORM, [], 0.0)
+            nothing = "nothing is seen on the platform, nor on the table about it"
+            return Sought(nothing if lying is None else f"{why}, and then {nothing}", lying)
+        lying = found
+        thing, support = found.thing, found.support
         tools.mover.stand(PLATFORM, [thing.points], support)
         try:
             taken, why = _take_fallen(tools, thing, support, attempt)
-            tools.mover.stand(PLATFORM, [], 0.0)
             if taken is not None:
+                tools.mover.stand(PLATFORM, [], 0.0)
                 put = put_away(tools, _as_lying(thing, support, taken), standing)
-                return Sought("it was found outside of the bins and put away", thing, put), picture
-            go_home(tools)
+                return Sought("it was found outside of the bins and put away", found, put)
         except NoWay as error:
             why = str(error)
             fell = let_go(tools)
             tools.mover.stand(PLATFORM, [], 0.0)
             if fell is not None:
-                return Sought(f"it was let fall into the other bin: {why}", thing, fell), picture
+                return Sought(f"it was let fall into the other bin: {why}", found, fell)
     tools.mover.stand(PLATFORM, [], 0.0)
-    return Sought(f"it lies outside of the bins: {why}", thing), picture
-
-
-def fallen(tools: Tools, picture: Picture) -> tuple[SeenThing, float] | None:
-    """Return what lies on the platform or on the table before it, and the height of what it lies on; None: nothing."""
-    low, high = (np.array(corner) for corner in tools.learning.platform)
-    before = np.array([high[0] + TUNING.before, low[1] - TUNING.aside, low[2]])
-    far = np.array([high[0] + TUNING.before + TUNING.depth, high[1] + TUNING.aside, low[2] + TUNING.tall])
-    for box in ((np.array([low[0], low[1], high[2]]), high + [0.0, 0.0, TUNING.tall]), (before, far)):
-        things = things_within(picture, *box)
-        if things:
-            return max(things, key=lambda one: len(one.points)), float(box[0][2])
-    return None
+    return Sought(f"it lies outside of the bins: {why}", lying)
 
 
 def _take_fallen(tools: Tools, thing: SeenThing, support: float, attempt: int) -> tuple[Taken | None, str]:
     """Try to take what lies somewhere; what is held, or why nothing is."""
-    grasps = grasps_of_thing(thing, tools.gripper, support + HANDLING.floor, np.zeros((0, 3)), attempt)
+    grasps = grasps_of_thing(thing, tools.gripper, support + HANDLING.floor, walls_about(tools, thing), attempt)
     order = np.roll(downward(grasps), -2 * attempt)
     if not len(order):
         return None, why_not(thing, tools.gripper, grasps)

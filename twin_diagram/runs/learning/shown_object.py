@@ -43,6 +43,7 @@ class ShownObject:
         mass_at_rest: what it seemed to weigh before it was swung [kg]; None: nobody asked.
         centre: where its weight pulls; None: nobody felt.
         swung: how it was swung; None: it was not.
+        beside: (3,) middles in W of what lay on the table when it was taken: other things [m].
         notes: what went otherwise than it should.
     """
 
@@ -55,4 +56,5 @@ class ShownObject:
     mass_at_rest: float | None = None
     centre: Centre | None = None
     swung: Excitation | None = None
+    beside: list[Array] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +21,7 @@ from twin_diagram.runs.learning.record import SWUNG
 from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.swung_log import Swung, slid_by, slipped, write_swung
 from twin_diagram.runs.learning.weighing import Slipping, swing_empty, swing_held, weigh_at_rest
+from twin_diagram.scenario.poses import pose
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,16 @@ class Tuning:
     tallest: float = 0.22
     """Height of what may stand in the other bin while things are swung [m]: a cracker box on its end."""
 
+    beyond: float = 0.35
+    """How far beyond bins and platform the hand may be swung [m]: what stands farther off, behind the arm, nobody told,
+    and what is lost there no camera sees."""
+
+    highest: float = 1.3
+    """Height up to which it may be [m]: straight above an iiwa's shoulder."""
+
+    camera: float = 0.06
+    """Half of the edge of the box that stands for a camera [m]."""
+
     gentler: float = 0.5
     """Share of what the first swing asked of the grip that one asks in which it slid far: what was slid by was asked
     for once too much, by how much nobody knows."""
@@ -58,10 +72,7 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
         WeighingError: no motion is within the limits.
         NothingHeld: it was lost.
     """
-    low, high = (np.array(corner) for corner in tools.learning.into_bin)
-    # The empty hand is swung alike when one thing more stands there.
-    around = low, np.array([*high[:2], low[2] + TUNING.tallest])
-    with tools.mover.blocked(*around):
+    with kept_clear(tools):
         mass = weigh_at_rest(tools.model, tools.mover, tools.cell)
         shown.mass_at_rest = mass if tools.cell.opening > PICKING.empty else shown.mass_at_rest
         swung, shown.swung = _swing(tools, shown, mass)
@@ -71,7 +82,7 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
         return mass
     shown.notes.append(f"it {_told(swung)} while it was swung, and was swung once more")
     try:
-        with tools.mover.blocked(*around):
+        with kept_clear(tools):
             again, motion = _swing(tools, shown, mass, TUNING.gentler)
     except (NoWay, WeighingError) as why:
         shown.notes.append(f"not swung once more: {why}")
@@ -83,6 +94,25 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     if slid_by(seen) >= 1.0:
         shown.notes.append(f"then it {_told(seen)}")
     return mass
+
+
+@contextmanager
+def kept_clear(tools: Tools) -> Iterator[None]:
+    """Keep what is swung clear of the other bin, which may hold more later, and cameras, and before the arm."""
+    learning, mover = tools.learning, tools.mover
+    low, high = (np.array(corner) for corner in learning.into_bin)
+    boxes = np.array([learning.from_bin, learning.into_bin, learning.platform])
+    least, most = boxes[:, 0].min(axis=0) - TUNING.beyond, boxes[:, 1].max(axis=0) + TUNING.beyond
+    with ExitStack() as kept:
+        # The empty hand is swung alike when one thing more stands there.
+        kept.enter_context(mover.blocked(low, np.array([*high[:2], low[2] + TUNING.tallest])))
+        kept.enter_context(mover.fenced(np.array([*least[:2], 0.0]), np.array([*most[:2], TUNING.highest])))
+        for name in (learning.bin_camera, learning.scan_camera):
+            p_WC = np.array(pose(tools.cameras[name].X_WC).translation())
+            corners = p_WC + TUNING.camera * np.array(list(product((-1.0, 1.0), repeat=3)))
+            mover.stand(f"camera {name}", [corners], float(p_WC[2]) - TUNING.camera)
+            kept.callback(mover.stand, f"camera {name}", [], 0.0)
+        yield
 
 
 def _swing(tools: Tools, shown: ShownObject, mass: float, gentle: float = 1.0) -> tuple[Swung, Excitation]:
