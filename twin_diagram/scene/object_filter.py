@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from twin_diagram import scenario
-from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus
 
@@ -85,6 +85,13 @@ class FilterLayout:
 FILTER_SIZE: Final = 177
 """Numbers of a filter, see `FilterLayout`."""
 
+_NOTHING: Final = np.zeros((0, 6, 6))
+"""Of covariances: not to be changed."""
+_WORDS: Final = np.array(
+    [ObjectStatus.UNSEEN, ObjectStatus.TRACKED, ObjectStatus.MOVING, ObjectStatus.STALE, ObjectStatus.LOST], dtype=float
+)
+"""For what was never seen, rests, moves, was not seen for a while, for long; not to be changed."""
+
 
 @dataclass(frozen=True)
 class FilterSettings:
@@ -102,6 +109,11 @@ class FilterSettings:
     """(6,) [rad², m²]"""
     slow: Array
     """(2,) [rad/s, m/s]"""
+
+    @cached_property
+    def walks(self) -> Array:
+        """(3, 6) growth of variances a second where a pose is stale, where it rests, and in all at most."""
+        return np.stack([self.stale_walk, self.rest_walk, np.array(TUNING.unknown_variance)])
 
     @staticmethod
     def of(params: scenario.SceneUpdater) -> FilterSettings:
@@ -152,38 +164,25 @@ def propagate(filters: Array, now: float, tuning: FilterSettings) -> ObjectBelie
 
     The uncertainty of the pose never shrinks with time, and stops growing when nothing is known any more.
     """
-    count = len(filters)
-    seen = filters[:, FilterLayout.MODE] != Mode.NONE
-    moving = filters[:, FilterLayout.MODE] == Mode.MOVING
-    age = np.where(seen, np.maximum(now - filters[:, FilterLayout.LAST_SEEN], 0.0), 0.0)
-    coasted = np.where(moving, np.minimum(age, TUNING.coast), 0.0)
+    from twin_diagram.scene import coasting_kernels  # compiled; not with every import
+
+    modes = filters[:, FilterLayout.MODE].copy()
+    ages = np.where(modes != Mode.NONE, np.maximum(now - filters[:, FilterLayout.LAST_SEEN], 0.0), 0.0)
     poses = filters[:, FilterLayout.POSE].copy()
     velocities = filters[:, FilterLayout.VELOCITY].copy()
-    covariances: Array = filters[:, FilterLayout.COVARIANCE].reshape(count, 12, 12).copy()
-
-    # Where the hypothesis of constant velocity moves the pose.
-    if coasted.any():
-        from twin_diagram.scene import coasting_kernels  # compiled; not with every import
-
-        coasting_kernels.coast(poses, covariances, velocities, coasted, tuning.acceleration_density)
-
-    # What nobody has looked at may have been moved, all the more where it was moving.
-    unseen = np.maximum(age - np.where(moving, TUNING.coast, tuning.stale_after), 0.0)
-    walk = tuning.stale_walk + np.where(moving[:, None], velocities**2, 0.0)
-    grown = unseen[:, None] * walk + age[:, None] * np.where(moving[:, None], 0.0, tuning.rest_walk)
-    covariances[:, POSE_INDEX, POSE_INDEX] += np.minimum(grown, TUNING.unknown_variance)
-    velocities[age > TUNING.coast] = 0.0
+    covariances: Array = filters[:, FilterLayout.COVARIANCE].reshape(len(filters), 12, 12).copy()
+    # What the hypothesis of constant velocity, or of rest, makes of them.
+    density, stale = tuning.acceleration_density, tuning.stale_after
+    coasting_kernels.carry(poses, covariances, velocities, modes, ages, TUNING.coast, stale, density, tuning.walks)
     return ObjectBelief(poses, velocities, covariances)
 
 
 def statuses(filters: Array, now: float, tuning: FilterSettings) -> Array:
     """Return (K,) `layouts.ObjectStatus` at a time."""
-    mode = filters[:, FilterLayout.MODE]
-    age = now - filters[:, FilterLayout.LAST_SEEN]
-    status = np.where(mode == Mode.MOVING, float(ObjectStatus.MOVING), float(ObjectStatus.TRACKED))
-    status = np.where(age > tuning.stale_after, float(ObjectStatus.STALE), status)
-    status = np.where(age > tuning.lost_after, float(ObjectStatus.LOST), status)
-    return np.where(mode == Mode.NONE, float(ObjectStatus.UNSEEN), status)
+    from twin_diagram.scene import coasting_kernels  # compiled; not with every import
+
+    modes, ages = filters[:, FilterLayout.MODE].copy(), now - filters[:, FilterLayout.LAST_SEEN]
+    return coasting_kernels.statuses(modes, ages, tuning.stale_after, tuning.lost_after, _WORDS)
 
 
 def pose_covariances(belief: ObjectBelief, axes_O: Array, tuning: FilterSettings, shared: Array | None = None) -> Array:
@@ -195,10 +194,8 @@ def pose_covariances(belief: ObjectBelief, axes_O: Array, tuning: FilterSettings
         tuning: gives the error that all measurements share.
         shared: (K, 6, 6) what the camera's calibration adds to that; None: nothing.
     """
-    covariances = belief.covariances[:, :6, :6].copy()
-    if shared is not None:
-        covariances += shared
-    covariances[:, POSE_INDEX, POSE_INDEX] += tuning.floor
-    axes_W = (rotations.matrix(belief.poses[:, :4]) @ axes_O[:, :, None])[:, :, 0]
-    covariances[:, :3, :3] += TUNING.unknown_variance[0] * axes_W[:, :, None] * axes_W[:, None, :]
-    return covariances
+    from twin_diagram.scene import coasting_kernels  # compiled; not with every import
+
+    arrays = belief.covariances, belief.poses, axes_O, tuning.floor, _NOTHING if shared is None else shared
+    P, poses, axes, floor, more = (np.ascontiguousarray(array, dtype=float) for array in arrays)
+    return coasting_kernels.pose_covariances(P, poses, axes, floor, TUNING.unknown_variance[0], more)

@@ -68,6 +68,8 @@ class LifeLayout:
 LIFE_SIZE: Final = 20
 """Numbers of a life, see `LifeLayout`."""
 
+_UNSEEN, _HELD, _GONE = (float(s) for s in (ObjectStatus.UNSEEN, ObjectStatus.HELD, ObjectStatus.GONE))
+
 
 class Tool(NamedTuple):
     """The tool's motion in W."""
@@ -169,7 +171,8 @@ def with_tool(X_TO: Array, tool: Array) -> Array:
 
 def statuses(lives: Array, of_filters: Array) -> Array:
     """Return (R,) `ObjectStatus`: what the filters say (R,), unless an object is held or gone."""
-    seen = of_filters != ObjectStatus.UNSEEN
-    status = np.where(seen & (lives[:, LifeLayout.HELD] > 0.0), float(ObjectStatus.HELD), of_filters)
-    gone = seen & (lives[:, LifeLayout.GONE_SINCE] >= 0.0)
-    return np.where(gone, float(ObjectStatus.GONE), status)
+    status = of_filters.copy()
+    status[lives[:, LifeLayout.HELD] > 0.0] = _HELD
+    status[lives[:, LifeLayout.GONE_SINCE] >= 0.0] = _GONE
+    status[of_filters == _UNSEEN] = _UNSEEN
+    return status

@@ -58,18 +58,19 @@ def point_shifts(points_C: Array, R_WC: Array, fx: float, fy: float) -> Array:
         fx: focal length [px].
         fy: focal length [px].
     """
-    from_camera = points_C @ R_WC.T
-    x, y, z = from_camera[:, 0], from_camera[:, 1], from_camera[:, 2]
-    J = np.zeros((len(points_C), 3, SIZE))
-    # turn × point, the other way round: the camera turned, and nobody knows.
-    J[:, 0, 1], J[:, 0, 2], J[:, 1, 2] = -z, y, -x
-    J[:, 1, 0], J[:, 2, 0], J[:, 2, 1] = z, -y, x
-    J[:, :, 3:6] = -np.eye(3)
-    J[:, :, 6] = from_camera
-    J[:, :, 7] = points_C[:, :2] @ R_WC[:, :2].T
-    J[:, :, 8] = points_C[:, 2:] / fx * R_WC[:, 0]
-    J[:, :, 9] = points_C[:, 2:] / fy * R_WC[:, 1]
+    J = np.empty((len(points_C), 3, SIZE))
+    _fill(J, points_C, R_WC, fx, fy)
     return J
+
+
+def _fill(J: Array, points_C: Array, R_WC: Array, fx: float, fy: float) -> None:
+    """Enter `point_shifts` in J (N, 3, 10)."""
+    from twin_diagram.signals import calibration_kernels  # compiled; not with every import
+
+    R = np.ascontiguousarray(R_WC)
+    calibration_kernels.fill(
+        J, points_C @ R_WC.T, points_C[:, :2] @ R_WC[:, :2].T, points_C[:, 2] / fx, points_C[:, 2] / fy, R
+    )
 
 
 def pose_shifts(points_C: Array, R_WC: Array, fx: float, fy: float) -> Array:
@@ -78,8 +79,8 @@ def pose_shifts(points_C: Array, R_WC: Array, fx: float, fy: float) -> Array:
     Arguments as of `point_shifts`.
     """
     J = np.zeros((len(points_C), 6, SIZE))
-    J[:, :3, :3] = -np.eye(3)
-    J[:, 3:] = point_shifts(points_C, R_WC, fx, fy)
+    J[:, (0, 1, 2), (0, 1, 2)] = -1.0
+    _fill(J[:, 3:], points_C, R_WC, fx, fy)
     return J
 
 

@@ -50,6 +50,16 @@ class Tuning:
 
 TUNING = Tuning()
 
+_CONSTANTS: Final = (
+    TUNING.forgetting,
+    TUNING.far_enough,
+    float(TUNING.long_enough),
+    float(TUNING.least),
+    TUNING.memory,
+    TUNING.near,
+    learned_threshold.TUNING.few,
+)
+"""As the compiled loop takes them."""
 
 SIZE: Final = 7
 """Numbers that are remembered of each joint."""
@@ -85,27 +95,8 @@ def slow_moves(
     Returns:
         (n,) statistics over their thresholds, 0 where nothing is tested, and (n,) ρ beyond what is usual [N·m].
     """
-    begin, run, low, count, mean, variance, unsure = memory
+    from twin_diagram.estimation.drift import torque_kernels  # compiled; not with every import
+
     way = np.where(np.abs(v) > creeps, np.sign(v), 0.0)
-    goes_on = (way != 0.0) & (np.sign(run) == way)
-    begin[:] = np.where(goes_on, begin, q)
-    run[:] = np.where(goes_on, run + way, way)
-    new = np.where(goes_on, 1.0 - TUNING.forgetting, 1.0)
-    low[:] = (1.0 - new) * low + new * rho
-    unsure[:] = (1.0 - new) ** 2 * unsure + (new * jump) ** 2
-    moving = slow & (np.abs(run) >= TUNING.long_enough) & ((q - begin) * way >= TUNING.far_enough)
-    if not moving.any():
-        return np.zeros(len(q)), low
-    beyond = low * way - mean
-    least = np.maximum(variance, floor**2 + np.stack([np.zeros(len(q)), unsure]))
-    usual, allowed = np.asarray(learned_threshold.threshold(0.0, least, sigma, count * (1.0 - TUNING.forgetting)))
-    found = np.maximum(beyond, 0.0) / allowed
-    known = count >= TUNING.least
-    lesson = moving & calm & (~known | (beyond < TUNING.near * usual))
-    if lesson.any():
-        more = np.minimum(count[lesson] + 1.0, TUNING.memory)
-        count[lesson] = more
-        mean[lesson] += beyond[lesson] / more
-        after = low[lesson] * way[lesson] - mean[lesson]
-        variance[lesson] += (beyond[lesson] * after - variance[lesson]) / more
-    return np.where(moving & known, found, 0.0), beyond * way
+    jumps = np.broadcast_to(jump, np.shape(q)).copy()
+    return torque_kernels.slow_moves(memory, q, way, rho, jumps, slow, floor, sigma, calm, _CONSTANTS)

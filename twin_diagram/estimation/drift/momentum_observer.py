@@ -84,6 +84,15 @@ class Tuning:
 
 TUNING = Tuning()
 
+_CONSTANTS: Final = (
+    TUNING.forgetting,
+    float(TUNING.least),
+    TUNING.memory,
+    TUNING.near,
+    learned_threshold.TUNING.few,
+)
+"""Of `torque_kernels.tested`. Messages are no independent witnesses: a low pass makes them alike."""
+
 
 UNIFORM: Final = 1.0 / np.sqrt(12.0)
 """Standard deviation of what may lie anywhere within an interval, over its length."""
@@ -112,7 +121,6 @@ class TorqueTest:
         own = TUNING.slides * np.where(terms.prismatic, TUNING.lever, 1.0)
         self._slides = np.maximum(own, TUNING.sure * tuning.velocity_std)
         self._floor = np.hypot(TUNING.white * tuning.torque_std, tuning.torque_drift_std)
-        self._each = np.arange(terms.n)
         self._creeps = max(tuning.excitation, TUNING.seen * tuning.velocity_std)
         self.size = 1 + (SIZE + breakaway.SIZE) * terms.n
 
@@ -138,9 +146,11 @@ class TorqueTest:
             The largest statistic over its threshold, 0 where nothing is tested; its joint, by index, or −1; and the
             torque that joint has gained [N·m].
         """
+        from twin_diagram.estimation.drift import torque_kernels  # compiled; not with every import
+
         n, before = self._terms.n, vector[0]
         past, low, run = vector[1 : 1 + 2 * n], vector[1 + 2 * n : 1 + 3 * n], vector[1 + 3 * n : 1 + 4 * n]
-        count, mean, squares = vector[1 + 4 * n : 1 + 10 * n].reshape(3, 2, n)
+        usual = vector[1 + 4 * n : 1 + 10 * n].reshape(3, 2, n)
         creep = vector[1 + 10 * n : -2 * n].reshape(breakaway.SIZE, n)
         last, unsure = vector[-2 * n :].reshape(2, n)
         dt = t - before
@@ -154,32 +164,17 @@ class TorqueTest:
         v, jump = x[n:], np.minimum(UNIFORM * np.abs(tau - last), TUNING.largest)
         past[:], last[:] = x, tau
         way = np.where(np.abs(v) > self._slides, np.sign(v), 0.0)
-        run[:] = np.where((way != 0.0) & (np.sign(run) == way), run + way, way)
-        new = np.where(np.abs(run) <= 1.0, 1.0, 1.0 - TUNING.forgetting)
-        low[:] = (1.0 - new) * low + new * rho
-        unsure[:] = (1.0 - new) ** 2 * unsure + (new * jump) ** 2
+        torque_kernels.follow_way(run, low, unsure, way, rho, jump, TUNING.forgetting)
         sliding = np.abs(run) >= TUNING.begun
         floor = np.hypot(TUNING.share * level, self._floor)
         slow = self._creeps, ~sliding, floor, self._sigma, learning
         starts, gained = breakaway.slow_moves(creep, x[:n], v, rho, *slow, jump)
         if not sliding.any():
             return self._largest(starts, gained, armed)
-        at = ((run < 0.0).astype(int), self._each)
-        beyond = low - mean[at]
-        # Messages are no independent witnesses: a low pass makes them alike.
-        witnesses = count[at] * (1.0 - TUNING.forgetting)
-        variance = np.maximum(squares[at], floor**2 + np.stack([np.zeros(n), unsure]))
-        usual, allowed = np.asarray(learned_threshold.threshold(0.0, variance, self._sigma, witnesses))
-        found = np.abs(beyond) / allowed
-        known = count[at] >= TUNING.least
-        lesson = sliding & learning & (~known | (np.abs(beyond) < TUNING.near * usual))
-        if lesson.any():
-            there = (at[0][lesson], self._each[lesson])
-            count[there] = np.minimum(count[there] + 1.0, TUNING.memory)
-            mean[there] += beyond[lesson] / count[there]
-            squares[there] += (beyond[lesson] * (low[lesson] - mean[there]) - squares[there]) / count[there]
-        found = np.where(sliding, np.where(known, found, 0.0), starts)
-        return self._largest(found, np.where(sliding, beyond, gained), armed)
+        found, beyond = torque_kernels.tested(
+            sliding, run, low, unsure, usual, floor, self._sigma, bool(learning), _CONSTANTS
+        )
+        return self._largest(np.where(sliding, found, starts), np.where(sliding, beyond, gained), armed)
 
     @staticmethod
     def _largest(found: Array, gained: Array, armed: bool) -> tuple[float, int, float]:

@@ -15,12 +15,12 @@ joint instead of throwing it to the other side.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
 from twin_diagram.estimation.dynamics.parameters import ParameterSet
-from twin_diagram.estimation.dynamics.positive_definite import solve_positive
 from twin_diagram.signals.arrays import Array
 
 
@@ -39,6 +39,9 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+_NOT_POSITIVE: Final = "the mass matrix with the friction of a step is not positive definite"
+"""Of an arm that cannot be; nor can it be factored where something is no number."""
 
 
 @dataclass(frozen=True)
@@ -105,20 +108,16 @@ def step(
     there = terms.true_position(middle)
     viscous = parameters.viscous(theta, terms.damping)
     push = terms.applied(tau) + parameters.push(theta, tau) + disturbance - terms.load(there, v, tau)
-    mass = terms.mass_matrix(there)
-    push = mass @ v + dt * (push + terms.damping * v)
+    mass = np.ascontiguousarray(terms.mass_matrix(there))
     forward, backward = dry or terms.dry(there, v, tau)
     change = parameters.dry(theta)
-    forward, backward = np.maximum(forward + change, 0.0), np.maximum(backward + change, 0.0)
-    system = mass.copy()
-    at = v
-    for _ in range(TUNING.iterations):
-        level = np.where(at > 0.0, forward, backward)
-        width = at * at + TUNING.stuck_speed**2
-        secant = level / np.sqrt(width)
-        system.flat[:: terms.n + 1] = mass.diagonal() + dt * (viscous + secant)
-        at = solve_positive(system, push)
-    drag = viscous + secant * (TUNING.stuck_speed**2 / width)
+    bounds = np.maximum(np.stack([forward, backward]) + change, 0.0)
+    from twin_diagram.estimation.dynamics import step_kernels  # compiled; not with every import
+
+    slow = TUNING.stuck_speed, TUNING.iterations
+    solved, at, drag = step_kernels.slide(mass, push, v, terms.damping, viscous, bounds, dt, *slow)
+    if not solved:
+        raise np.linalg.LinAlgError(_NOT_POSITIVE)
     return ArmStep(q=q + (0.5 * dt) * (v + at), v=at, middle=there, a=(at - v) / dt, mass=mass, drag=drag)
 
 
@@ -152,18 +151,10 @@ def jacobians(
     # The regressor first: the plant is where the step left it.
     Y = parameters.regressor(terms, moved.middle, v, acceleration, np.zeros(n) if tau is None else tau, sliding)
     by_q, by_v = terms.derivatives(moved.middle, v, moved.a)
-    system = moved.mass.copy()
-    system[np.diag_indices(n)] += dt * moved.drag
-    right = np.empty((n, 3 * n + parameters.size))
-    right[:, :n] = -dt * by_q
-    right[:, n : 2 * n] = moved.mass - dt * by_v - (0.5 * dt * dt) * by_q
-    right[:, n : 2 * n].flat[:: n + 1] += dt * terms.damping
-    right[:, 2 * n : 3 * n].fill(0.0)
-    right[:, 2 * n : 3 * n].flat[:: n + 1] = dt
-    right[:, 3 * n :] = -dt * Y
-    velocity = solve_positive(system, right)
-    position = (0.5 * dt) * velocity
-    position[:, :n].flat[:: n + 1] += 1.0
-    position[:, n : 2 * n].flat[:: n + 1] += 0.5 * dt
-    whole = np.concatenate([position, velocity])
+    from twin_diagram.estimation.dynamics import step_kernels  # compiled; not with every import
+
+    Y, mass = np.ascontiguousarray(Y), np.ascontiguousarray(moved.mass)
+    solved, whole = step_kernels.differentiate(mass, moved.drag, by_q, by_v, Y, terms.damping, dt)
+    if not solved:
+        raise np.linalg.LinAlgError(_NOT_POSITIVE)
     return Jacobians(whole[:, : 2 * n], whole[:, 2 * n : 3 * n], whole[:, 3 * n :])

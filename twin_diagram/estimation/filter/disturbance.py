@@ -71,6 +71,8 @@ TUNING = Tuning()
 
 SMALLEST: Final = -2.0 * np.log(10.0)
 """ln of its variance's factor falls no lower."""
+_ENDS: Final = np.array([TUNING.largest, TUNING.memory, SMALLEST])
+"""Not to be changed."""
 
 
 def disturbance_std(params: Filter, sliding: Array, level: Array) -> Array:
@@ -100,15 +102,11 @@ def follow_disturbance(belief: Belief, params: Filter, variance: Array, elapsed:
     n = belief.n
     at = np.arange(2 * n, 3 * n)
     # Of a d that is told to be none nothing can be learnt.
-    sliding = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * TUNING.creep) & (variance > 0.0)
-    factor = np.exp(belief.steady)
-    fresh = elapsed / params.torque_drift_time
-    given = np.where(variance > 0.0, variance * factor, 1.0)
-    surprise = np.minimum((belief.disturbance**2 + belief.P[at, at]) / given, TUNING.largest) - 1.0
-    belief.told[sliding] = np.minimum(belief.told[sliding] + fresh, TUNING.memory)
-    moved = np.log1p(fresh * surprise / (1.0 + belief.told))
-    belief.steady += np.where(sliding, moved, 0.0)
-    np.clip(belief.steady, SMALLEST, 0.0, out=belief.steady)
+    sliding = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * TUNING.creep)
+    square, fresh = belief.disturbance**2 + belief.P[at, at], elapsed / params.torque_drift_time
+    from twin_diagram.estimation.filter import noise_kernels  # compiled; not with every import
+
+    noise_kernels.follow_disturbance(belief.steady, belief.told, sliding, square, variance, fresh, _ENDS)
 
 
 def creep_std(v: Array, level: Array, variance: Array | float = 0.0) -> Array:

@@ -52,6 +52,8 @@ class Tuning:
 TUNING = Tuning()
 WIDEST: Final = 2.0 * np.log(10.0)
 """ln σ² moves no further than this from what was given: a tenth to ten times."""
+_ENDS: Final = np.array([TUNING.cap, WIDEST])
+"""Not to be changed."""
 
 
 def held(belief: Belief, t: float, trouble: bool) -> bool:
@@ -113,11 +115,8 @@ def follow_torque(belief: Belief, by: Array, variance: Array, solved: Array, wei
         weighted: (m,) S⁻¹ y.
         step: ε.
     """
-    expected = np.einsum("ij,ij->j", by, solved)
-    surprise = np.minimum((weighted @ by) ** 2 / expected, TUNING.cap) - 1.0
-    # One step's share is small where many steps add up, hence the root.
-    share = np.sqrt(np.minimum(variance * expected, 1.0))
+    from twin_diagram.estimation.filter import noise_kernels  # compiled; not with every import
+
     moving = (belief.regime != 0.0) & (np.abs(belief.v) > 2.0 * DISTURBANCE.creep)
-    level = belief.noise[2]
-    level += np.where(moving, step * share * surprise, 0.0)
-    np.clip(level, -WIDEST, WIDEST, out=level)
+    by, solved = np.ascontiguousarray(by), np.ascontiguousarray(solved)
+    noise_kernels.follow_torque(belief.noise[2], moving, by, variance, solved, weighted, step, _ENDS)

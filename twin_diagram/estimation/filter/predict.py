@@ -76,9 +76,7 @@ def _once(core: Core, u: Array, dt: float, torque_std: Array | float) -> None:
         )
     by = jacobians(terms, parameters, moved, v, theta, dt, steady, u, sure_to_slide(belief))
     by_state = _enter_transition(core.F, by, keep, changed, dt)
-    Q, core.creep = _process_noise(core, by, level, fresh, dt, torque_std, blind)
-    P = core.F @ belief.P @ core.F.T + Q
-    belief.P[:] = 0.5 * (P + P.T)
+    Q, core.creep = _widen(core, by, level, fresh, dt, torque_std, blind)
     core.bound()
     learnt = by.parameters @ (belief.theta - theta)
     # Where the model asks for the impossible (a torque in error on a light joint), it is not followed there. A joint
@@ -132,13 +130,15 @@ def _enter_transition(F: Array, by: Jacobians, keep: Array, changed: np.ndarray,
     return by_state
 
 
-def _process_noise(
+def _widen(
     core: Core, by: Jacobians, level: Array, fresh: Array, dt: float, torque_std: Array | float, blind: bool
 ) -> tuple[Array, Array]:
-    """Return Q (N, N) of a step, and the variance (n,) that friction brings to joints that creep [N²·m²].
+    """Carry the covariance over a step, by F as it was entered.
+
+    Return its Q (N, N), and the variance (n,) that friction brings to joints that creep [N²·m²].
 
     Args:
-        core: not changed; its belief is that before the step.
+        core: the covariance of its belief is changed; the rest of it is that before the step.
         by: of the arm's step.
         level: (n,) of dry friction [N·m].
         fresh: (n,) variance that the disturbance gains [N²·m²].
@@ -148,23 +148,21 @@ def _process_noise(
     """
     belief, params, n = core.belief, core.params, core.terms.n
     own = 3 * n + belief.p
-    Q = np.zeros_like(core.F)
     # White torque was found small with the joints in view, who hold the model in check. Blind it is as given.
     adapted = np.maximum(belief.noise[2], 0.0) if blind else belief.noise[2]
     creep = creep_std(belief.v, level, belief.P.diagonal()[n : 2 * n])
     torque_std = np.hypot(torque_std * np.exp(0.5 * adapted), creep)
     white = by.torque * (torque_std * np.sqrt(core.period / dt))
-    Q[: 2 * n, : 2 * n] = white @ white.T
-    # When within the step it acts is not known: it moves a joint by more or less than the speeds at both ends say.
-    Q[:n, :n] += (dt * dt / 12.0) * Q[n : 2 * n, n : 2 * n]
-    at = np.arange(2 * n, 3 * n)
-    Q[at, at] = fresh
+    walk = np.zeros(belief.size - 2 * n)
+    walk[:n] = fresh
     if params.rule == "covariance" and np.any(belief.regime != 0.0):
-        at = np.arange(3 * n, own)
-        Q[at, at] = (params.parameter_walk * core.parameters.scale) ** 2 * dt
+        walk[n : own - 2 * n] = (params.parameter_walk * core.parameters.scale) ** 2 * dt
     if belief.size > own:
-        at = np.arange(own, belief.size)
-        Q[at, at] = core.walk * dt
+        walk[own - 2 * n :] = core.walk * dt
+    from twin_diagram.estimation.dynamics import step_kernels  # compiled; not with every import
+
+    Q = np.zeros_like(core.F)
+    step_kernels.spread(core.F, belief.P, Q, white, walk, dt)
     return Q, creep**2 * (core.period / dt)
 
 
