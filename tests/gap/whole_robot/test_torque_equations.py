@@ -11,6 +11,7 @@ import pytest
 from tests.gap.made import ARM, ELBOW, effect, record, swing
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import torque_equations
+from twin_diagram.gap.whole_robot.column_sums import summed
 from twin_diagram.gap.whole_robot.torque_equations import equations, kinds_of_motion
 
 
@@ -25,10 +26,11 @@ def test_sums_say_what_a_difference_leaves() -> None:
     assert np.max(np.abs(sums.left(difference))) < 1e-6 * np.max(np.abs(extra))
     difference = rng.normal(size=(6, 64))
     full = np.concatenate([-difference, np.ones((6, 1))], axis=1)
-    squares = np.einsum("jk,sjkl,jl->j", full, sums.sums, full)
+    stretches = summed(sums.columns, sums.weights, sums.stretch)
+    squares = np.einsum("jk,sjkl,jl->j", full, stretches, full)
     np.testing.assert_allclose(np.sum(sums.left(difference) ** 2, axis=0), squares, rtol=1e-9)
     np.testing.assert_allclose(np.sum(sums.counts, axis=0), np.sum(sums.weights, axis=0))
-    kinds = np.stack([np.sum(sums.sums[sums.fold == kind], axis=0) for kind in sums.kinds])
+    kinds = np.stack([np.sum(stretches[sums.fold == kind], axis=0) for kind in sums.kinds])
     np.testing.assert_allclose(sums.of_kinds, kinds, atol=1e-12 * np.max(kinds))
 
 
