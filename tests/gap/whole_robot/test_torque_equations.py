@@ -106,3 +106,13 @@ def test_a_motion_that_comes_back_is_of_the_same_kind() -> None:
     assert np.mean(kinds[:20] == kinds[20:]) > 0.85
     assert sorted(np.unique(kinds)) == [0, 1, 2, 3, 4]
     assert np.max(np.bincount(kinds)) <= 8
+
+
+def test_what_links_weigh_is_worked_out_once_whatever_tilts_are_tried() -> None:
+    time, q, v, a = swing(4.0)
+    level = equations(Records(ARM, (record(ARM, time, q, v, a),)))
+    straight, around = level.on_base((0.1, 0.05)), level.on_base((-0.2, 0.3)).on_base((0.1, 0.05))
+    assert straight.weight.per_axis is around.weight.per_axis
+    size = np.max(np.abs(straight.columns))
+    np.testing.assert_allclose(around.columns, straight.columns, atol=1e-12 * size)
+    np.testing.assert_allclose(around.on_base((0.0, 0.0)).columns, level.columns, atol=1e-12 * size)

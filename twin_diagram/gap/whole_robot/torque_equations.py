@@ -84,6 +84,23 @@ class DryShape:
 
 
 @dataclass(frozen=True)
+class LinksWeight:
+    """What links weigh on joints in the kept samples of some logs: worked out once, where a tilt is looked for."""
+
+    records: Records
+
+    @cached_property
+    def per_axis(self) -> Array:
+        """(3, N, n, 10 n) per unit of links' parameters, and of gravity along each axis of the base [m/s²]."""
+        tree, result = self.records.model.tree, []
+        for axis in np.eye(3):
+            aside = replace(tree.bare(tree.inertia), gravity=axis)
+            resting = [(r, np.zeros_like(r.q)) for r in self.records.records]
+            result.append(np.concatenate([_of_links(self.records, r, aside, still, still) for r, still in resting]))
+        return np.stack(result)
+
+
+@dataclass(frozen=True)
 class TorqueEquations:
     """Sums over stretches of motion.
 
@@ -104,6 +121,7 @@ class TorqueEquations:
         shapes: (n) of joints' dry friction.
         further: what else may be there.
         tilt: of the base, on which links weigh: roll and pitch [rad].
+        weight: of links, on a base that is tilted.
         known: sums over each kind of motion, where they were worked out with the columns; see `of_kinds`.
     """
 
@@ -118,6 +136,7 @@ class TorqueEquations:
     signs: tuple[Array, ...]
     stated_dry: Array
     shapes: tuple[DryShape, ...]
+    weight: LinksWeight
     further: tuple[Candidate, ...] = ()
     tilt: tuple[float, float] = (0.0, 0.0)
     known: Array | None = None
@@ -196,13 +215,9 @@ class TorqueEquations:
         """
         if tilt == self.tilt:
             return self
-        tree, columns = self.records.model.tree, self.columns.copy()
-        change = turned(tilt, tree.gravity) - turned(self.tilt, tree.gravity)
-        aside = replace(tree.bare(tree.inertia), gravity=change)
-        resting = [np.zeros_like(record.q) for record in self.records.records]
-        parts = zip(self.records.records, resting, strict=True)
-        weight = [_of_links(self.records, r, aside, still, still) for r, still in parts]
-        columns[:, :, : 10 * self.n] += np.concatenate(weight)
+        gravity, columns = self.records.model.tree.gravity, self.columns.copy()
+        change = turned(tilt, gravity) - turned(self.tilt, gravity)
+        columns[:, :, : 10 * self.n] += np.tensordot(change, self.weight.per_axis, axes=1)
         return replace(self, columns=columns, tilt=tilt, known=None)
 
     def weighted(self, weights: Array) -> TorqueEquations:
@@ -260,6 +275,7 @@ def equations(records: Records) -> TorqueEquations:
         signs=terms.signs,
         stated_dry=terms.present.coulomb,
         shapes=(DryShape(),) * records.n,
+        weight=LinksWeight(records),
     )
 
 
