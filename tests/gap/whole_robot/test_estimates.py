@@ -34,11 +34,10 @@ def test_a_drives_error_is_no_larger_than_what_left_out_motion_loses_without_it_
 
 def test_stretches_that_pull_apart_widen_what_torques_say_and_the_prior_stays_what_it_is() -> None:
     """One coordinate known as well by torques as beforehand, and stretches pull twice as hard as noise would."""
-    stretches = {"first": np.array([2.0]), "second": np.array([0.0])}
     problem: Any = SimpleNamespace(
         system=lambda z, sums: (np.array([[2.0]]), None),
-        pulls_each=lambda z, each: np.stack([stretches[stretch] for stretch in each]),
-        sums=SimpleNamespace(whole=None, sums=list(stretches)),
+        pulls=lambda z: np.array([[2.0], [0.0]]),
+        sums=SimpleNamespace(whole=None),
         free=np.array([True]),
         precision=np.array([[1.0]]),
     )

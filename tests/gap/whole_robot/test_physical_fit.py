@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from tests.gap.made import ARM
+from tests.gap.made import ARM, ELBOW
+from tests.gap.whole_robot.test_unusual import problem
 from twin_diagram.gap.candidates.given_link import link_inertia
-from twin_diagram.gap.whole_robot.physical_fit import bounded, independent
+from twin_diagram.gap.whole_robot.bounded_step import bounded, solved
+from twin_diagram.gap.whole_robot.physical_fit import independent, solve
 from twin_diagram.gap.whole_robot.physical_links import Links, parameters, slopes
 from twin_diagram.model.effects.link_inertia import about_origin
 
@@ -51,3 +55,32 @@ def test_samples_that_hang_together_count_less() -> None:
     share = independent(np.hstack([noise, held]), gaps)
     assert 0.7 < share[0] <= 1.0
     assert 0.06 < share[1] < 0.15
+
+
+def test_what_is_held_is_in_the_residual_and_the_rest_is_as_if_all_were_worked_out() -> None:
+    """Least squares over what moves alone: no gradient is left there, and the cost is that of joints' squares."""
+    start = problem()
+    some = replace(start, links_free=np.arange(6) == ELBOW)
+    total = some.sums.whole - some.sums.of_kinds[0]
+    z = solve(some, total)
+    assert np.all(z[~some.free] == some.mean[~some.free]) and np.any(z[some.free] != some.mean[some.free])
+    H, gradient = some.system(z, total)
+    inside = some.free & (z > some.lower)
+    assert np.max(np.abs(gradient[inside]) / np.sqrt(np.diag(H)[inside])) < 1e-2
+    off = z - some.mean
+    squares = float(np.sum(some.share / some.variance * some.squares(z, total)))
+    np.testing.assert_allclose(some.cost(z, total), 0.5 * (squares + off @ some.precision @ off), rtol=1e-9)
+    np.testing.assert_allclose(some.forms_without[0], some.form(total), atol=1e-9 * np.max(some.form(total)))
+
+
+def test_stretches_pull_as_all_motion_does() -> None:
+    start = problem()
+    z = start.mean + 0.1 * start.deviation * np.cos(np.arange(len(start.mean)))
+    _, gradient = start.system(z, start.sums.whole)
+    prior = start.precision @ (z - start.mean)
+    np.testing.assert_allclose(np.sum(start.pulls(z), axis=0), gradient - prior, atol=1e-9 * np.max(np.abs(gradient)))
+
+
+def test_a_matrix_that_rounding_leaves_no_square_is_solved_all_the_same() -> None:
+    nearly = np.array([[1.0, 1.0], [1.0, 1.0 - 1e-15]])
+    np.testing.assert_allclose(nearly @ solved(nearly, np.ones(2)), np.ones(2), atol=1e-9)

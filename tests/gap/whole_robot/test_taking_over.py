@@ -136,7 +136,7 @@ def test_what_friction_holds_at_rest_is_told_apart_from_noise() -> None:
     held = (np.arange(6) == ELBOW) & (np.arange(len(sums.columns)) < 100)[:, None]
     columns = sums.columns.copy()
     columns[held, -1] += 50.0
-    rests = replace(sums.weighted(sums.weights * ~held), columns=columns)
+    rests = sums.weighted(sums.weights * ~held).with_columns(columns, [*range(columns.shape[2] - 1), -1])
     told = replace(whole, problem=replace(whole.problem, sums=rests), fitted=0.5 * floor)
     (said,) = taking_over.told_of_rests(told, logs, floor)
     assert said.startswith(f"{ARM.joints[ELBOW]}: ") and "at rest" in said

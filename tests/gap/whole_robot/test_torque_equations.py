@@ -11,6 +11,7 @@ import pytest
 from tests.gap.made import ARM, ELBOW, effect, record, swing
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import torque_equations
+from twin_diagram.gap.whole_robot.column_sums import summed
 from twin_diagram.gap.whole_robot.torque_equations import equations, kinds_of_motion
 
 
@@ -25,10 +26,11 @@ def test_sums_say_what_a_difference_leaves() -> None:
     assert np.max(np.abs(sums.left(difference))) < 1e-6 * np.max(np.abs(extra))
     difference = rng.normal(size=(6, 64))
     full = np.concatenate([-difference, np.ones((6, 1))], axis=1)
-    squares = np.einsum("jk,sjkl,jl->j", full, sums.sums, full)
+    stretches = summed(sums.columns, sums.weights, sums.stretch)
+    squares = np.einsum("jk,sjkl,jl->j", full, stretches, full)
     np.testing.assert_allclose(np.sum(sums.left(difference) ** 2, axis=0), squares, rtol=1e-9)
     np.testing.assert_allclose(np.sum(sums.counts, axis=0), np.sum(sums.weights, axis=0))
-    kinds = np.stack([np.sum(sums.sums[sums.fold == kind], axis=0) for kind in sums.kinds])
+    kinds = np.stack([np.sum(stretches[sums.fold == kind], axis=0) for kind in sums.kinds])
     np.testing.assert_allclose(sums.of_kinds, kinds, atol=1e-12 * np.max(kinds))
 
 
@@ -104,3 +106,13 @@ def test_a_motion_that_comes_back_is_of_the_same_kind() -> None:
     assert np.mean(kinds[:20] == kinds[20:]) > 0.85
     assert sorted(np.unique(kinds)) == [0, 1, 2, 3, 4]
     assert np.max(np.bincount(kinds)) <= 8
+
+
+def test_what_links_weigh_is_worked_out_once_whatever_tilts_are_tried() -> None:
+    time, q, v, a = swing(4.0)
+    level = equations(Records(ARM, (record(ARM, time, q, v, a),)))
+    straight, around = level.on_base((0.1, 0.05)), level.on_base((-0.2, 0.3)).on_base((0.1, 0.05))
+    assert straight.weight.per_axis is around.weight.per_axis
+    size = np.max(np.abs(straight.columns))
+    np.testing.assert_allclose(around.columns, straight.columns, atol=1e-12 * size)
+    np.testing.assert_allclose(around.on_base((0.0, 0.0)).columns, level.columns, atol=1e-12 * size)

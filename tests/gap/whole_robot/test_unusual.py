@@ -21,6 +21,7 @@ from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import concluding, physical_fit
 from twin_diagram.gap.whole_robot import unusual as whole_unusual
 from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
+from twin_diagram.gap.whole_robot.column_sums import summed
 from twin_diagram.gap.whole_robot.concluding import confidences, of_offsets, own_units, what_each_brings
 from twin_diagram.gap.whole_robot.estimates import covariance
 from twin_diagram.gap.whole_robot.evident import evident
@@ -242,8 +243,8 @@ def test_what_a_candidate_brings_is_known_before_it_is_fitted(name: str, variant
 def test_what_was_found_of_links_before_counts_as_if_both_logs_were_fitted_at_once() -> None:
     every = replace(problem(), links_free=np.ones(6, dtype=bool), spread=0.1)
     some, links = np.flatnonzero(every.free), slice(0, 60)
-    half = len(every.sums.sums) // 2
-    before, after = np.sum(every.sums.sums[:half], axis=0), np.sum(every.sums.sums[half:], axis=0)
+    halves = (every.sums.stretch >= len(every.sums.fold) // 2).astype(np.int64)
+    before, after = summed(every.sums.columns, every.sums.weights, halves)
     found, both = solve(every, before), solve(every)[links]
     told = np.linalg.inv(every.system(found, before)[0][np.ix_(some, some)])[links, links]
     later = replace(every, links=replace(every.links, mean=found[links].reshape(6, 10)), told=told, spread=1e-6)

@@ -17,8 +17,9 @@ from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.believable import without_doubtful
 from twin_diagram.gap.whole_robot.beside_dry import damped, largest_share, told_beside_dry
 from twin_diagram.gap.whole_robot.beside_the_usual import offset_evidence
+from twin_diagram.gap.whole_robot.bounded_step import Chosen
 from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
-from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.gap.whole_robot.unusual import room_for
 from twin_diagram.gap.whole_robot.well_told import well_told
@@ -287,8 +288,9 @@ def what_each_brings(problem: RobotProblem, left_out: LeftOut) -> dict[int, Arra
     linear, places = Linearised.of(left_out), np.arange(len(problem.mean))
     further = [np.isin(places, places[problem.place(at)]) for at in range(len(problem.sums.further))]
     parts = [*units(problem), *further]
-    now = linear.likelihood(np.zeros(len(problem.mean), dtype=bool))
-    return {k: now - linear.likelihood(part) for k, part in enumerate(parts) if np.any(problem.free & part)}
+    there = [k for k, part in enumerate(parts) if np.any(problem.free & part)]
+    lost = linear.likelihood() - linear.likelihoods([parts[k] for k in there])
+    return dict(zip(there, lost, strict=True))
 
 
 def of_offsets(problem: RobotProblem, z: Array, brought: dict[int, Array]) -> dict[int, Array]:

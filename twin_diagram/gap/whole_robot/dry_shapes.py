@@ -118,7 +118,8 @@ def with_shapes(sums: TorqueEquations, shapes: Sequence[DryShape]) -> TorqueEqua
         column = np.concatenate([low_passed(law(r, j, s, shape), r)[r.kept] for r, s in parts])
         columns[:, j, -1] -= sums.stated_dry[j] * (column - columns[:, j, at])
         columns[:, j, at] = column
-    return replace(sums, columns=columns, shapes=tuple(shapes))
+    was = [-1 if k in (at, columns.shape[2] - 1) else k for k in range(columns.shape[2])]
+    return replace(sums.with_columns(columns, was), shapes=tuple(shapes))
 
 
 def law(record: Record, j: int, sign: Array, shape: DryShape) -> Array:

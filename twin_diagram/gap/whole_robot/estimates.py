@@ -69,7 +69,7 @@ def covariance(problem: RobotProblem, z: Array) -> Array:
     moving = np.flatnonzero(problem.free)
     own = np.zeros_like(H)
     own[np.ix_(moving, moving)] = np.linalg.inv(H[np.ix_(moving, moving)])
-    pulls = problem.pulls_each(z, problem.sums.sums)
+    pulls = problem.pulls(z)
     meat = pulls.T @ pulls + problem.precision
     sandwich = own @ meat @ own
     ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(own), 1e-300), 1.0))

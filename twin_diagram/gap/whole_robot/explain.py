@@ -35,6 +35,7 @@ from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, known_spread
 from twin_diagram.gap.whole_robot.physical_links import Links
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
 from twin_diagram.gap.whole_robot.unusual import least, price, room_for, unusual
+from twin_diagram.gap.whole_robot.which_motor import in_doubt
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.signals.arrays import Array
@@ -90,7 +91,8 @@ def explain(records: Records, *, known: bool = False, told: Array | None = None)
     load = loaded(whole, start)
     carried = None if load is None else best_of(*settled(load), known)
     found = better(plain, carried, whole)
-    return None if found is None else well_known(found)
+    found = None if found is None else well_known(found)
+    return None if found is None else in_doubt(found)
 
 
 def rather(plain: WholeRobot | None, other: WholeRobot | None, whole: RobotProblem) -> WholeRobot | None:

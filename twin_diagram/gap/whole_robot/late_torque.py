@@ -191,4 +191,4 @@ def shifted(sums: TorqueEquations, seconds: float, joints: Sequence[int] | None 
         before = later_signal(logged, record.time, -seconds)  # between samples, straight lines would take noise away
         parts.append(low_passed(before - logged, record)[record.kept])
     columns[:, some, -1] += np.concatenate(parts)
-    return replace(sums, columns=columns)
+    return sums.with_columns(columns, [*range(columns.shape[2] - 1), -1])

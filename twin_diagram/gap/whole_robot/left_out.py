@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
-from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, bounded, solve
+from twin_diagram.gap.whole_robot.bounded_step import Chosen, bounded
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, fitted, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.signals.arrays import Array
 
@@ -55,14 +57,14 @@ class LeftOut:
         if any(candidate.onset is not None for candidate in problem.sums.further):
             start = solve(problem, None, start)
             problem = replace(problem, held=start)
-        fits = np.stack([solve(problem, problem.sums.whole - own, start) for own in problem.sums.of_kinds])
+        fits = np.stack([fitted(problem, form, start) for form in problem.forms_without])
         return LeftOut(problem, fits, rms_of(problem, fits))
 
     @cached_property
     def systems(self) -> list[tuple[Array, Array]]:
         """Normal matrix (Z, Z) and gradient (Z,) of each fit."""
-        sums = self.problem.sums
-        return [self.problem.system(z, sums.whole - own) for z, own in zip(self.fits, sums.of_kinds, strict=True)]
+        forms = self.problem.forms_without
+        return [self.problem.system_of(z, form) for z, form in zip(self.fits, forms, strict=True)]
 
     def likelihood(self) -> Array:
         """Return (n,) left-out log likelihood, but for a constant [nats]."""
@@ -81,7 +83,7 @@ class LeftOut:
 
 def rms_of(problem: RobotProblem, fits: Array | Sequence[Array]) -> Array:
     """Return (n,) what fits leave on the kinds of motion that they have not seen, one per kind [N·m]."""
-    squares = problem.squares_each(np.asarray(fits), problem.sums.of_kinds)
+    squares = problem.squares_each(np.asarray(fits)[:, None], problem.sums.of_kinds)[:, 0]
     return np.asarray(np.sqrt(np.maximum(np.sum(squares, axis=0), 1e-30) / problem.sums.counted))
 
 
@@ -90,11 +92,13 @@ class Linearised:
     """Fits of all motion but one kind, to first order about each: what is left where some coordinates stay described.
 
     Attributes:
-        left_out: the fits.
+        problem: what was fitted.
+        fits: (F, Z) coordinates, which may be below their bounds where some were moved.
         covariances: (F, Z, Z) of each, 0 where a coordinate does not move.
     """
 
-    left_out: LeftOut
+    problem: RobotProblem
+    fits: Array
     covariances: Array
 
     @staticmethod
@@ -106,23 +110,64 @@ class Linearised:
             C = np.zeros_like(H)
             C[np.ix_(moving, moving)] = np.linalg.inv(H[np.ix_(moving, moving)])
             result.append(C)
-        return Linearised(left_out, np.stack(result))
+        return Linearised(problem, left_out.fits, np.stack(result))
 
-    def likelihood(self, described: Chosen) -> Array:
-        """Return (n,) left-out log likelihood where coordinates `described` (Z,) are, the others settled anew."""
-        problem, both = self.left_out.problem, zip(self.left_out.fits, self.covariances, strict=True)
-        return likelihood(problem, rms_of(problem, [without(problem, z, C, described) for z, C in both]))
+    def likelihood(self) -> Array:
+        """Return (n,) left-out log likelihood."""
+        return self._likelihoods(self.fits[:, None])[0]
+
+    def likelihoods(self, parts: Sequence[Chosen]) -> Array:
+        """Return (U, n) left-out log likelihood where coordinates of one of parts (Z,) are as described each."""
+        fits, C, mean = self.fits, self.covariances, self.problem.mean
+        moved = np.repeat(fits[:, None], len(parts), axis=1)
+        places = [np.flatnonzero(part) for part in parts]
+        for size in {len(at) for at in places}:  # all of one size at once
+            some = [k for k, at in enumerate(places) if len(at) == size]
+            at = np.stack([places[k] for k in some])
+            for fold in range(len(fits)):
+                fall, goes = fall_of(fits[fold], C[fold], mean, at)
+                gone = moved[fold, some] - fall
+                np.put_along_axis(gone, at, np.where(goes, mean[at], fits[fold][at]), axis=1)
+                moved[fold, some] = gone
+        return self._likelihoods(moved)
+
+    def described(self, part: Chosen) -> Linearised:
+        """Return the same where coordinates of a part (Z,) are as described, the others settled anew."""
+        at, fits, covariances = np.flatnonzero(part), self.fits.copy(), self.covariances.copy()
+        for z, C in zip(fits, covariances, strict=True):
+            fall, goes = fall_of(z, C, self.problem.mean, at[None])
+            gone = at[goes[0]]
+            C -= C[:, gone] @ np.linalg.solve(C[np.ix_(gone, gone)], C[gone])
+            C[gone], C[:, gone] = 0.0, 0.0
+            z -= fall[0]
+            z[gone] = self.problem.mean[gone]
+        return replace(self, fits=fits, covariances=covariances)
+
+    def _likelihoods(self, fits: Array) -> Array:
+        """Return (U, n) of U times one fit per kind (F, U, Z), within bounds."""
+        problem = self.problem
+        squares = problem.squares_each(np.maximum(fits, problem.lower), problem.sums.of_kinds)
+        rms = np.sqrt(np.maximum(np.sum(squares, axis=0), 1e-30) / problem.sums.counted)
+        return likelihood(problem, rms)
 
 
-def without(problem: RobotProblem, z: Array, C: Array, described: Chosen) -> Array:
-    """Return coordinates with some as described and the others settled anew, to first order."""
-    gone = np.flatnonzero(described & (np.diag(C) > 0.0))
-    if not len(gone):
-        return z
-    shift = np.linalg.solve(C[np.ix_(gone, gone)], z[gone] - problem.mean[gone])
-    moved = np.maximum(z - C[:, gone] @ shift, problem.lower)
-    moved[gone] = problem.mean[gone]
-    return moved
+def fall_of(z: Array, C: Array, mean: Array, parts: npt.NDArray[np.int64]) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Return by how much coordinates fall where some are as described and the others settle anew, to first order.
+
+    Args:
+        z: (Z,) coordinates.
+        C: (Z, Z) their covariance, 0 where they do not move.
+        mean: (Z,) of the description.
+        parts: (U, P) which coordinates are as described, each of U times.
+
+    Returns:
+        (U, Z), and (U, P) which of the parts move at all.
+    """
+    inner = C[parts[:, :, None], parts[:, None]]
+    goes = C[parts, parts] > 0.0
+    inner[~goes, np.nonzero(~goes)[1]] = 1.0
+    shift = np.linalg.solve(inner, np.where(goes, z[parts] - mean[parts], 0.0)[..., None])
+    return np.sum(shift * C[parts], axis=1), goes
 
 
 def units(problem: RobotProblem) -> list[Chosen]:
@@ -140,17 +185,15 @@ def earning(problem: RobotProblem, left_out: LeftOut) -> RobotProblem:
     """
     linear, there = Linearised.of(left_out), free_units(problem)
     parts = units(problem)
-    described = np.zeros(len(problem.mean), dtype=bool)
     while np.any(there):
-        now = linear.likelihood(described)
-        margins = np.full(len(parts), np.inf)
-        for k in map(int, np.flatnonzero(there)):
-            margins[k] = margin(problem, k, now - linear.likelihood(described | parts[k]))
-        weakest = int(np.argmin(margins))
-        if margins[weakest] >= 0.0:
+        some = [int(k) for k in np.flatnonzero(there)]
+        lost = linear.likelihood() - linear.likelihoods([parts[k] for k in some])
+        margins = [margin(problem, k, gain) for k, gain in zip(some, lost, strict=True)]
+        weakest = some[int(np.argmin(margins))]
+        if min(margins) >= 0.0:
             break
         there[weakest] = False
-        described |= parts[weakest]
+        linear = linear.described(parts[weakest])
     return restricted(problem, there)
 
 

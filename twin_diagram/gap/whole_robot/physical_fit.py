@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap.whole_robot.physical_links import Links, parameters, slopes
+from twin_diagram.gap.whole_robot.bounded_step import Chosen, bounded
+from twin_diagram.gap.whole_robot.physical_links import Links, by_coordinates, parameters, slopes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.signals.arrays import Array
 
@@ -46,8 +47,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-
-Chosen = npt.NDArray[np.bool_]
 
 
 def known_spreads(told: Array | None) -> tuple[float, ...]:
@@ -166,61 +165,134 @@ class RobotProblem:
         shared = [np.broadcast_to(x[:, None], (count, n, x.shape[1])) for x in (links, z[:, 14 * n :])]
         return np.concatenate([shared[0], own, shared[1]], axis=2)
 
+    def moved(self, z: Array) -> Array:
+        """Return (Z + 1,) of what coordinates change in the residual, per parameter, and 1 for the residual itself."""
+        links = 10 * self.n
+        off = (parameters(z[:links].reshape(-1, 10)) - self.links.described).ravel()
+        return np.concatenate([-off, -z[links:], [1.0]])
+
+    def form(self, total: Array) -> Array:
+        """Return (Z + 1, Z + 1) sums of squares and products of all joints over their variance, one row per parameter.
+
+        Links and what is further there are in all joints' equations, what is a joint's own in its alone. Squares of
+        what is left are then one quadratic form in `moved`, however many joints there are.
+
+        Args:
+            total: (n, K + 1, K + 1) sums.
+        """
+        return self._forms(total[None])[0]
+
+    def _forms(self, totals: Array) -> Array:
+        """Return (F, Z + 1, Z + 1) of sums (F, n, K + 1, K + 1)."""
+        n, links, size = self.n, 10 * self.n, len(self.mean) + 1
+        mine = slice(links, links + len(OWN))
+        weighted = (self.share / self.variance)[:, None, None] * totals
+        shared = np.delete(np.arange(totals.shape[2]), mine)
+        places = np.concatenate([np.arange(links), np.arange(14 * n, size)])
+        own = links + np.arange(n * len(OWN)).reshape(n, len(OWN))
+        result = np.zeros((len(totals), size, size))
+        result[:, places[:, None], places] = np.sum(weighted, axis=1)[:, shared[:, None], shared]
+        result[:, own[:, :, None], own[:, None]] = weighted[:, :, mine, mine]
+        across = weighted[:, :, mine][..., shared]
+        result[:, own[:, :, None], places] = across
+        result[:, places[:, None], own.ravel()] = across.reshape(len(totals), own.size, -1).transpose(0, 2, 1)
+        return result
+
+    @cached_property
+    def forms_without(self) -> Array:
+        """(F, Z + 1, Z + 1) `form` of all motion but each kind of it."""
+        of_kinds = self._forms(self.sums.of_kinds)
+        return np.asarray(np.sum(of_kinds, axis=0) - of_kinds)
+
     def squares(self, z: Array, total: Array) -> Array:
         """Return (n,) sums of squares that coordinates leave, of sums (n, K + 1, K + 1)."""
-        return self.squares_each(z[None], total[None])[0]
+        return self.squares_each(z[None, None], total[None])[0, 0]
 
     def squares_each(self, z: Array, totals: Array) -> Array:
-        """Return (F, n) of the same of each of coordinates (F, Z) on its own sums (F, n, K + 1, K + 1)."""
-        full = np.concatenate([-self._differences(z), np.ones((len(z), self.n, 1))], axis=2)
-        return np.asarray(np.sum((full[:, :, None] @ totals)[:, :, 0] * full, axis=2))
+        """Return (F, U, n) of the same of each of coordinates (F, U, Z) on sums (F, n, K + 1, K + 1)."""
+        difference = self._differences(z.reshape(-1, z.shape[-1])).reshape(*z.shape[:2], self.n, -1)
+        full = np.concatenate([-difference, np.ones((*z.shape[:2], self.n, 1))], axis=3).transpose(0, 2, 1, 3)
+        return np.asarray(np.sum((full @ totals) * full, axis=3).transpose(0, 2, 1))
 
     def cost(self, z: Array, total: Array) -> float:
         """Return half the squares over their variance, the prior's counted, of sums (n, K + 1, K + 1)."""
-        squares = float(np.sum(self.share / self.variance * self.squares(z, total)))
-        off = z - self.mean
-        return 0.5 * (squares + float(off @ self.precision @ off))
+        moved, off = self.moved(z), z - self.mean
+        return 0.5 * float(moved @ self.form(total) @ moved + off @ self.precision @ off)
 
-    def slope(self, z: Array) -> Array:
-        """Return (10 n, 10 n) derivative of the links' parameters by their coordinates."""
-        n = self.n
-        result = np.zeros((10 * n, 10 * n))
-        for body, block in enumerate(slopes(z[: 10 * n].reshape(n, 10))):
-            result[10 * body : 10 * body + 10, 10 * body : 10 * body + 10] = block
-        return result
-
-    def pulls(self, z: Array, total: Array) -> Array:
-        """Return (Z,) the part of the gradient that residuals in sums (n, K + 1, K + 1) have."""
-        return self.pulls_each(z, total[None])[0]
-
-    def pulls_each(self, z: Array, totals: Array) -> Array:
-        """Return (S, Z) of the same of each of sums (S, n, K + 1, K + 1)."""
-        weight, links, own = self.share / self.variance, 10 * self.n, len(OWN)
-        left = totals[:, :, :-1, -1] - (totals[:, :, :-1, :-1] @ self.difference(z)[:, :, None])[..., 0]
-        left = weight[:, None] * left
-        shared, own_left = np.sum(left, axis=1), left[:, :, links : links + own].reshape(len(left), -1)
-        return -np.concatenate([shared[:, :links] @ self.slope(z), own_left, shared[:, links + own :]], axis=1)
+    def pulls(self, z: Array) -> Array:
+        """Return (S, Z) the part of the gradient that residuals in each stretch of motion have."""
+        sums, links, own = self.sums, 10 * self.n, len(OWN)
+        left = sums.left(self.difference(z)) * (self.share / self.variance)
+        by_parameters = np.zeros((len(z), len(sums.fold)))
+        for s in range(len(sums.fold)):
+            here = np.flatnonzero(sums.stretch == s)
+            some, columns = left[here], sums.columns[here, :, :-1]
+            shared = some.ravel() @ columns.reshape(some.size, -1)
+            mine = np.einsum("tj,tjk->jk", some, columns[:, :, links : links + own])
+            by_parameters[:, s] = np.concatenate([shared[:links], mine.ravel(), shared[links + own :]])
+        return -by_coordinates(by_parameters, slopes(z[:links].reshape(-1, 10))).T
 
     def system(self, z: Array, total: Array) -> tuple[Array, Array]:
         """Return the normal matrix (Z, Z) and gradient (Z,) of half the squares, the prior's counted."""
-        weight, links, own = self.share / self.variance, 10 * self.n, len(OWN)
-        slope = self.slope(z)
-        H = np.zeros((len(z), len(z)))
-        weighted = weight[:, None, None] * total[:, :-1, :-1]
-        shared = np.sum(weighted, axis=0)
-        more = slice(14 * self.n, None)
-        H[:links, :links] = slope.T @ shared[:links, :links] @ slope
-        H[:links, more] = slope.T @ shared[:links, links + own :]
-        H[more, :links] = H[:links, more].T
-        H[more, more] = shared[links + own :, links + own :]
-        for j in range(self.n):
-            s, mine = slice(links + own * j, links + own * (j + 1)), slice(links, links + own)
-            H[:links, s] = slope.T @ weighted[j, :links, mine]
-            H[s, :links] = H[:links, s].T
-            H[s, s] = weighted[j, mine, mine]
-            H[s, more] = weighted[j, mine, links + own :]
-            H[more, s] = H[s, more].T
-        return H + self.precision, self.pulls(z, total) + self.precision @ (z - self.mean)
+        return self.system_of(z, self.form(total))
+
+    def system_of(self, z: Array, form: Array) -> tuple[Array, Array]:
+        """Return the same of a `form` (Z + 1, Z + 1)."""
+        blocks = slopes(z[: 10 * self.n].reshape(-1, 10))
+        gradient = -by_coordinates(form[:-1] @ self.moved(z), blocks)
+        H = by_coordinates(by_coordinates(form[:-1, :-1], blocks).T, blocks)
+        return H + self.precision, gradient + self.precision @ (z - self.mean)
+
+
+@dataclass(frozen=True)
+class MovingPart:
+    """A problem's coordinates that may move, the others where the description has them: all that is fitted.
+
+    What does not move is a constant, and is in the residual from the start.
+
+    Attributes:
+        problem: that is fitted.
+        at: (M,) which coordinates move.
+        links: which links are among them.
+        form: (M + 1, M + 1) of what moves and the residual that the rest leaves, see `RobotProblem.form`.
+        precision: (M, M) of the prior.
+    """
+
+    problem: RobotProblem
+    at: npt.NDArray[np.int64]
+    links: npt.NDArray[np.int64]
+    form: Array
+    precision: Array
+
+    @staticmethod
+    def of(problem: RobotProblem, whole: Array) -> MovingPart:
+        """Take it out of a problem, of a `form` (Z + 1, Z + 1)."""
+        at = np.flatnonzero(problem.free)
+        rest = problem.moved(problem.mean)
+        rest[at] = 0.0
+        form = np.empty((len(at) + 1, len(at) + 1))
+        form[:-1, :-1] = whole[np.ix_(at, at)]
+        left = whole @ rest
+        form[-1, :-1] = form[:-1, -1] = left[at]
+        form[-1, -1] = rest @ left
+        return MovingPart(problem, at, np.flatnonzero(problem.links_free), form, problem.precision[np.ix_(at, at)])
+
+    def cost(self, x: Array) -> float:
+        """Return half the squares over their variance, the prior's counted, at coordinates (M,)."""
+        moved, off = self._moved(x), x - self.problem.mean[self.at]
+        return 0.5 * float(moved @ self.form @ moved + off @ self.precision @ off)
+
+    def system(self, x: Array) -> tuple[Array, Array]:
+        """Return normal matrix (M, M) and gradient (M,) of `cost` at coordinates (M,)."""
+        blocks = slopes(x[: 10 * len(self.links)].reshape(-1, 10))
+        gradient = -by_coordinates(self.form[:-1] @ self._moved(x), blocks)
+        H = by_coordinates(by_coordinates(self.form[:-1, :-1], blocks).T, blocks)
+        return H + self.precision, gradient + self.precision @ (x - self.problem.mean[self.at])
+
+    def _moved(self, x: Array) -> Array:
+        links = 10 * len(self.links)
+        off = parameters(x[:links].reshape(-1, 10)) - self.problem.links.described[self.links]
+        return np.concatenate([-off.ravel(), -x[links:], [1.0]])
 
 
 def solve(problem: RobotProblem, total: Array | None = None, start: Array | None = None) -> Array:
@@ -231,59 +303,46 @@ def solve(problem: RobotProblem, total: Array | None = None, start: Array | None
         total: (n, K + 1, K + 1) sums that count; None: all.
         start: where to begin; None: as described.
     """
-    total = problem.sums.whole if total is None else total
-    z = problem.mean if start is None else np.where(problem.free, start, problem.mean)
-    deviation, cost = problem.deviation, problem.cost(z, total)
+    return fitted(problem, problem.form(problem.sums.whole if total is None else total), start)
+
+
+def fitted(problem: RobotProblem, form: Array, start: Array | None = None) -> Array:
+    """Return the same of a `RobotProblem.form` (Z + 1, Z + 1)."""
+    part = MovingPart.of(problem, form)
+    at, z = part.at, problem.mean.copy()
+    x = (z if start is None else start)[at]
+    deviation, lower, cost = problem.deviation[at], problem.lower[at], part.cost(x)
+    scale, every = problem.links.scale[part.links].ravel(), np.ones(len(at), dtype=bool)
     for _ in range(TUNING.rounds):
-        H, gradient = problem.system(z, total)
-        step = bounded(H, gradient, problem.lower - z, problem.free)
-        long = float(np.max(np.abs(step[: 10 * problem.n]) / problem.links.scale.ravel(), initial=0.0))
+        step = bounded(*part.system(x), lower - x, every)
+        long = float(np.max(np.abs(step[: len(scale)]) / scale, initial=0.0))
         step = step * min(1.0, TUNING.longest / max(long, 1e-12))
-        halved, after = 0, problem.cost(z + step, total)
+        halved, after = 0, part.cost(x + step)
         while after > cost and halved < TUNING.halvings:
             step, halved = 0.5 * step, halved + 1
-            after = problem.cost(z + step, total)
-        z, cost = z + step, after
-        if np.max(np.abs(step) / deviation) < TUNING.settled:
+            after = part.cost(x + step)
+        x, cost = x + step, after
+        if np.max(np.abs(step) / deviation, initial=0.0) < TUNING.settled:
             break
+    z[at] = x
     return z
 
 
-def bounded(H: Array, gradient: Array, lower: Array, free: Chosen) -> Array:
-    """Return the step of least squares that keeps to lower bounds."""
-    moving = free.copy()
-    step = np.zeros(len(gradient))
-    for _ in range(8):
-        fixed = ~moving
-        rest = gradient[moving] + H[np.ix_(moving, fixed)] @ step[fixed]
-        scale = np.sqrt(np.diag(H)[moving])
-        inner = H[np.ix_(moving, moving)] / np.outer(scale, scale)
-        step[moving] = -np.linalg.solve(inner, rest / scale) / scale
-        below = moving & (step < lower)
-        if not np.any(below):
-            break
-        step[below] = lower[below]
-        moving &= ~below
-    return np.maximum(step, lower)
-
-
-def coupling(problem: RobotProblem, rows: list[int], slope: Array, cross: Array) -> Array:
+def coupling(problem: RobotProblem, rows: list[int], blocks: Array, cross: Array) -> Array:
     """Return (Z, k) of the normal matrix between coordinates and a candidate that is not among them.
 
     Args:
         problem: of the coordinates.
         rows: joints that the candidate touches.
-        slope: (10 n, 10 n) of links' parameters.
+        blocks: (n, 10, 10) of links' parameters by their coordinates.
         cross: (r, K + 1, k) weighted products with all columns, one per joint that the candidate touches.
     """
     links, own = 10 * problem.n, len(OWN)
     B = np.zeros((len(problem.mean), cross.shape[2]))
-    shared = np.sum(cross, axis=0)
-    B[:links] = slope.T @ shared[:links]
-    for j, block in zip(rows, cross, strict=True):
-        B[links + own * j : links + own * (j + 1)] = block[links : links + own]
-    B[links + own * problem.n :] = shared[links + own : -1]
-    return B
+    shared, mine = np.sum(cross, axis=0), slice(links, links + own)
+    B[:links], B[links + own * problem.n :] = shared[:links], shared[links + own : -1]
+    B[mine.start : links + own * problem.n].reshape(problem.n, own, -1)[rows] = cross[:, mine]
+    return by_coordinates(B, blocks)
 
 
 def with_noise(problem: RobotProblem, z: Array) -> RobotProblem:

@@ -30,7 +30,26 @@ DIAGONAL = np.arange(4)
 """Of a factor."""
 
 ROW, COLUMN = np.triu_indices(4, 1)
-"""Places of the ten coordinates in a triangular factor: its diagonal, then what is above it."""
+"""Places of what is above the diagonal in a triangular factor: coordinates five to ten."""
+
+FACTOR_ROW, FACTOR_COLUMN = np.concatenate([DIAGONAL, ROW]), np.concatenate([DIAGONAL, COLUMN])
+"""Places of all ten coordinates in it."""
+
+
+def _of_pseudo() -> Array:
+    """Return (10, 4, 4) symmetric weights with which each parameter is a sum over a pseudo-inertia's entries."""
+    S = np.zeros((10, 4, 4))
+    S[0, 3, 3] = 1.0
+    for k in range(3):
+        S[1 + k, k, 3] = S[1 + k, 3, k] = 0.5
+        S[4 + k, [i for i in range(3) if i != k], [i for i in range(3) if i != k]] = 1.0
+    for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+        S[7 + k, i, j] = S[7 + k, j, i] = -0.5
+    return S
+
+
+OF_PSEUDO = _of_pseudo()
+"""Parameters by pseudo-inertias' entries."""
 
 
 @dataclass(frozen=True)
@@ -65,33 +84,37 @@ class Links:
 def parameters(z: Array) -> Array:
     """Return (n, 10) about each link's origin from coordinates (n, 10)."""
     F = _factors(z)
-    return _parameters_of(F @ F.transpose(0, 2, 1))
+    return np.asarray((F @ F.transpose(0, 2, 1)).reshape(-1, 16) @ OF_PSEUDO.reshape(10, 16).T)
 
 
 def slopes(z: Array) -> Array:
     """Return (n, 10, 10) derivative of `parameters`: [:, i, k] of parameter i by coordinate k."""
     F = _factors(z)
-    dF = np.zeros((len(z), 10, 4, 4))
-    dF[:, DIAGONAL, DIAGONAL, DIAGONAL] = F[:, DIAGONAL, DIAGONAL]
-    dF[:, 4 + np.arange(6), ROW, COLUMN] = 1.0
-    half = dF @ F.transpose(0, 2, 1)[:, None]
-    return _parameters_of(half + half.transpose(0, 1, 3, 2)).transpose(0, 2, 1)
+    by_factor = 2.0 * (OF_PSEUDO @ F[:, None])[:, :, FACTOR_ROW, FACTOR_COLUMN]
+    by_factor[:, :, :4] *= F[:, None, DIAGONAL, DIAGONAL]  # these are exponentials of their coordinates
+    return np.asarray(by_factor)
+
+
+def by_coordinates(by_parameters: Array, blocks: Array) -> Array:
+    """Return derivatives (Z, …) by coordinates of those (Z, …) by parameters: links' come first, the others are alike.
+
+    Args:
+        by_parameters: rows, of which the first 10 k are links'.
+        blocks: (k, 10, 10) of each link's parameters by its coordinates.
+    """
+    result, links = by_parameters.copy(), by_parameters[: 10 * len(blocks)]
+    if len(blocks):
+        some = blocks.transpose(0, 2, 1) @ links.reshape(len(blocks), 10, -1)
+        result[: len(links)] = some.reshape(links.shape)
+    return result
 
 
 def _factors(z: Array) -> Array:
     """Return (n, 4, 4) upper triangular factors of the pseudo-inertias."""
-    F = np.zeros((len(z), 4, 4))
-    F[:, DIAGONAL, DIAGONAL] = np.exp(np.clip(z[:, :4], -20.0, 10.0))
-    F[:, ROW, COLUMN] = z[:, 4:]
-    return F
-
-
-def _parameters_of(P: Array) -> Array:
-    """Return (…, 10) of pseudo-inertias (…, 4, 4)."""
-    second = np.stack([P[..., 0, 0], P[..., 1, 1], P[..., 2, 2]], axis=-1)
-    moments = np.sum(second, axis=-1, keepdims=True) - second
-    products = -np.stack([P[..., 0, 1], P[..., 0, 2], P[..., 1, 2]], axis=-1)
-    return np.concatenate([P[..., 3, 3][..., None], P[..., :3, 3], moments, products], axis=-1)
+    F = np.zeros((len(z), 16))
+    F[:, ::5] = np.exp(np.minimum(np.maximum(z[:, :4], -20.0), 10.0))
+    F[:, 4 * ROW + COLUMN] = z[:, 4:]
+    return F.reshape(-1, 4, 4)
 
 
 def scale_of(z: Array) -> Array:

@@ -18,6 +18,7 @@ from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, mostly_resting, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
+from twin_diagram.gap.whole_robot.physical_links import slopes
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
 from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
 from twin_diagram.gap.whole_robot.well_told import share_along
@@ -283,7 +284,7 @@ Span = tuple[float, Candidate, int, int]
 
 def _best(beside: _Beside, wrenches: list[Candidate]) -> list[Span]:
     """Return the likeliest wrenches, each with the span that suits it best."""
-    count = len(beside.left)
+    count = len(beside.seen)
     edges = np.unique(np.round(np.linspace(0, count, TUNING.blocks + 1)).astype(np.int64))
     ends, longest = len(edges), int(TUNING.longest * (len(edges) - 1))
     pairs = np.array([(i, k) for i in range(1, ends - 1) for k in range(i + 1, min(i + longest, ends - 1) + 1)])
@@ -299,7 +300,7 @@ def _best(beside: _Beside, wrenches: list[Candidate]) -> list[Span]:
 
 def _refined(beside: _Beside, wrench: Candidate, at: int, to: int, step: int) -> Span:
     """Return a wrench with the best samples at which it begins and ends, near those given, and its score."""
-    count = len(beside.left)
+    count = len(beside.seen)
     stride = max(1, step // TUNING.fine)
     middle = (at + to) // 2
     first = np.arange(max(at - step, 1), min(at + step, middle) + 1, stride)
@@ -337,19 +338,14 @@ class _Beside:
 
     Attributes:
         problem: that was fitted.
-        left: (N, n) what it leaves [N·m].
-        slope: (10 n, 10 n) of links' parameters.
-        moving: coordinates that move.
-        factor: inverse of the triangular factor of their normal matrix.
+        seen: (N, n, M + 1) what joints' equations are in the M coordinates that move, by the inverse of the triangular
+            factor of their normal matrix; then what the fit leaves [N·m].
         pull: what of the gradient is left where the fit has not quite settled, by that factor: along directions that
             the motion hardly tells, a little of it would pass for a push.
     """
 
     problem: RobotProblem
-    left: Array
-    slope: Array
-    moving: npt.NDArray[np.int64]
-    factor: Array
+    seen: Array
     pull: Array
 
     @staticmethod
@@ -359,26 +355,26 @@ class _Beside:
         inner = H[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.diag(inner))
         factor = np.linalg.inv(np.linalg.cholesky(inner * np.outer(scale, scale))) * scale
-        left = problem.sums.left(problem.difference(z))
-        return _Beside(problem, left, problem.slope(z), moving, factor, factor @ gradient[moving])
+        sums, blocks = problem.sums, slopes(z[: 10 * problem.n].reshape(-1, 10))
+        left, each = sums.left(problem.difference(z)), np.eye(sums.columns.shape[2])[None]
+        seen = np.empty((*left.shape, len(moving) + 1))
+        for j in range(problem.n):
+            seen[:, j, :-1] = sums.columns[:, j] @ (factor @ coupling(problem, [j], blocks, each)[moving]).T
+        seen[:, :, -1] = left
+        return _Beside(problem, seen, factor @ gradient[moving])
 
     def scores(self, candidate: Candidate, edges: npt.NDArray[np.int64], pairs: Pairs) -> Array:
         """Return (P,) rises of the evidence of a candidate that acts between pairs of edges alone, to first order."""
-        problem, rows = self.problem, list(candidate.rows)
-        weight = (problem.share / problem.variance)[rows]
-        columns = candidate.columns * problem.sums.weights[:, rows, None]
-        weighted = columns * weight[None, :, None]
-        blocks = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
-        own, right, shared = [], [], []
-        for block in blocks:
-            mine = weighted[block].transpose(1, 0, 2)
-            own.append(np.sum(columns[block].transpose(1, 2, 0) @ mine, axis=0))
-            right.append(np.einsum("njk,nj->k", weighted[block], self.left[block][:, rows]))
-            cross = problem.sums.columns[block][:, rows].transpose(1, 2, 0) @ mine
-            shared.append(self.factor @ coupling(problem, rows, self.slope, cross)[self.moving])
-        sums = [
-            np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)]) for x in map(np.stack, (own, right, shared))
-        ]
-        G, b, U = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in sums)
-        b = b + np.einsum("pzk,z->pk", U, self.pull)
+        problem, size, count = self.problem, candidate.size, self.seen.shape[2]
+        columns = problem.sums.spread_out(candidate) * problem.sums.weights[:, :, None]
+        weighted = columns * (problem.share / problem.variance)[:, None]
+        products = np.zeros((len(edges), count + size, size))
+        for at, (begin, end) in enumerate(itertools.pairwise(map(int, edges))):
+            mine = weighted[begin:end].reshape(-1, size)
+            products[at + 1, :count] = self.seen[begin:end].reshape(-1, count).T @ mine
+            products[at + 1, count:] = columns[begin:end].reshape(-1, size).T @ mine
+        products = np.cumsum(products, axis=0)
+        between = products[pairs[:, 1]] - products[pairs[:, 0]]
+        U, G = between[:, : -size - 1], between[:, -size:]
+        b = between[:, -size - 1] + np.einsum("pzk,z->pk", U, self.pull)
         return increments(G - U.transpose(0, 2, 1) @ U, b, np.broadcast_to(candidate.spread, b.shape))

@@ -18,6 +18,7 @@ from twin_diagram.gap.correction.equation_error import coarser
 from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.prepared_logs import Record, Records
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
+from twin_diagram.gap.whole_robot.column_sums import summed, summed_again
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import lowpass
 from twin_diagram.model.effects.environment import GravityTilt
@@ -83,6 +84,23 @@ class DryShape:
 
 
 @dataclass(frozen=True)
+class LinksWeight:
+    """What links weigh on joints in the kept samples of some logs: worked out once, where a tilt is looked for."""
+
+    records: Records
+
+    @cached_property
+    def per_axis(self) -> Array:
+        """(3, N, n, 10 n) per unit of links' parameters, and of gravity along each axis of the base [m/s²]."""
+        tree, result = self.records.model.tree, []
+        for axis in np.eye(3):
+            aside = replace(tree.bare(tree.inertia), gravity=axis)
+            resting = [(r, np.zeros_like(r.q)) for r in self.records.records]
+            result.append(np.concatenate([_of_links(self.records, r, aside, still, still) for r, still in resting]))
+        return np.stack(result)
+
+
+@dataclass(frozen=True)
 class TorqueEquations:
     """Sums over stretches of motion.
 
@@ -103,6 +121,8 @@ class TorqueEquations:
         shapes: (n) of joints' dry friction.
         further: what else may be there.
         tilt: of the base, on which links weigh: roll and pitch [rad].
+        weight: of links, on a base that is tilted.
+        known: sums over each kind of motion, where they were worked out with the columns; see `of_kinds`.
     """
 
     counts: Array
@@ -116,18 +136,15 @@ class TorqueEquations:
     signs: tuple[Array, ...]
     stated_dry: Array
     shapes: tuple[DryShape, ...]
+    weight: LinksWeight
     further: tuple[Candidate, ...] = ()
     tilt: tuple[float, float] = (0.0, 0.0)
+    known: Array | None = None
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return int(self.columns.shape[1])
-
-    @cached_property
-    def sums(self) -> Array:
-        """(S, n, K + 1, K + 1) squares and products per stretch and joint."""
-        return summed(self.columns, self.weights, self.stretch)
 
     @cached_property
     def residual_rms(self) -> Array:
@@ -142,8 +159,13 @@ class TorqueEquations:
     @cached_property
     def of_kinds(self) -> Array:
         """(F, n, K + 1, K + 1) sums over each kind of motion."""
+        return summed(self.columns, self.weights, self.kind) if self.known is None else self.known
+
+    @cached_property
+    def kind(self) -> npt.NDArray[np.int64]:
+        """(N,) which of `kinds` a sample is of."""
         at = np.searchsorted(self.kinds, self.fold).astype(np.int64)
-        return summed(self.columns, self.weights, at[self.stretch])
+        return np.asarray(at[self.stretch])
 
     @cached_property
     def whole(self) -> Array:
@@ -165,9 +187,26 @@ class TorqueEquations:
         """Return the same with other further candidates, made of `records`; without a tilt, links weigh as on level."""
         level = not any(candidate.name == GravityTilt.name for candidate in further)
         same = self.on_base((0.0, 0.0)) if level else self
-        before = same.columns[:, :, : 10 * self.n + len(OWN)]
-        columns = np.concatenate([before, *map(self.spread_out, further), self.columns[:, :, -1:]], axis=2)
-        return replace(same, columns=columns, further=tuple(further))
+        there, at = {}, 10 * self.n + len(OWN)
+        for candidate in same.further:
+            there[id(candidate)], at = slice(at, at + candidate.size), at + candidate.size
+        was, parts = list(range(10 * self.n + len(OWN))), [same.columns[:, :, : 10 * self.n + len(OWN)]]
+        for candidate in further:
+            place = there.get(id(candidate))
+            was += [-1] * candidate.size if place is None else range(place.start, place.stop)
+            parts.append(self.spread_out(candidate) if place is None else same.columns[:, :, place])
+        columns = np.concatenate([*parts, self.columns[:, :, -1:]], axis=2)
+        return replace(same.with_columns(columns, [*was, at]), further=tuple(further))
+
+    def with_columns(self, columns: Array, was: Sequence[int]) -> TorqueEquations:
+        """Return the same with other columns (N, n, K + 1); sums of those that were there are kept.
+
+        Args:
+            columns: all of them.
+            was: (K + 1,) where each was, −1 where it is new.
+        """
+        again = summed_again(self.of_kinds, was, columns, self.weights, self.kind)
+        return replace(self, columns=columns, known=again)
 
     def on_base(self, tilt: tuple[float, float]) -> TorqueEquations:
         """Return the same with what links weigh on a base of some roll and pitch [rad].
@@ -176,20 +215,16 @@ class TorqueEquations:
         """
         if tilt == self.tilt:
             return self
-        tree, columns = self.records.model.tree, self.columns.copy()
-        change = turned(tilt, tree.gravity) - turned(self.tilt, tree.gravity)
-        aside = replace(tree.bare(tree.inertia), gravity=change)
-        resting = [np.zeros_like(record.q) for record in self.records.records]
-        parts = zip(self.records.records, resting, strict=True)
-        weight = [_of_links(self.records, r, aside, still, still) for r, still in parts]
-        columns[:, :, : 10 * self.n] += np.concatenate(weight)
-        return replace(self, columns=columns, tilt=tilt)
+        gravity, columns = self.records.model.tree.gravity, self.columns.copy()
+        change = turned(tilt, gravity) - turned(self.tilt, gravity)
+        columns[:, :, : 10 * self.n] += np.tensordot(change, self.weight.per_axis, axes=1)
+        return replace(self, columns=columns, tilt=tilt, known=None)
 
     def weighted(self, weights: Array) -> TorqueEquations:
         """Return the same with other weights (N, n) of samples."""
         count = int(self.stretch[-1]) + 1
         counts = np.stack([np.sum(weights[self.stretch == s], axis=0) for s in range(count)])
-        return replace(self, weights=weights, counts=counts)
+        return replace(self, weights=weights, counts=counts, known=None)
 
     def spread_out(self, candidate: Candidate) -> Array:
         """Return (N, n, k) columns of a candidate on all joints."""
@@ -240,18 +275,8 @@ def equations(records: Records) -> TorqueEquations:
         signs=terms.signs,
         stated_dry=terms.present.coulomb,
         shapes=(DryShape(),) * records.n,
+        weight=LinksWeight(records),
     )
-
-
-def summed(columns: Array, weights: Array, group: npt.NDArray[np.int64]) -> Array:
-    """Return (G, n, K, K) weighted squares and products of columns (N, n, K) over each of groups (N,), from 0."""
-    count = int(np.max(group)) + 1
-    result = np.empty((count, columns.shape[1], columns.shape[2], columns.shape[2]))
-    for one in range(count):
-        here = group == one
-        some = columns[here].transpose(1, 2, 0)
-        np.matmul(some * weights[here].T[:, None], some.transpose(0, 2, 1), out=result[one])
-    return result
 
 
 def _columns(records: Records, record: Record, sign: Array) -> Array:

@@ -19,10 +19,11 @@ from twin_diagram.gap.residuals.regressors import Terms, slow_speed
 from twin_diagram.gap.whole_robot.believable import believable
 from twin_diagram.gap.whole_robot.beside_the_usual import EVIDENT, rise_beside_the_usual
 from twin_diagram.gap.whole_robot.beside_the_usual import TUNING as BESIDE
+from twin_diagram.gap.whole_robot.bounded_step import Chosen
 from twin_diagram.gap.whole_robot.colour_of_noise import quietest, whitened
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
-from twin_diagram.gap.whole_robot.physical_fit import Chosen, RobotProblem, solve, with_noise
+from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.pushes import counted, on_the_innermost, pushes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.gap.whole_robot.transmitted_torque import transmitted
