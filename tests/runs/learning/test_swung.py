@@ -327,3 +327,24 @@ def test_what_slipped_on_the_way_is_known_less_well_by_as_much(monkeypatch: pyte
     step, turn = weighing.TUNING.slipping * 0.02, weighing.TUNING.slipping * 0.3
     assert slid.pose == pytest.approx((np.hypot(still.pose[0], step), np.hypot(still.pose[1], turn)))
     assert slid.creep == pytest.approx(tuple(np.hypot(still.creep, (0.02, 0.3))))
+
+
+def test_what_is_heavy_is_swung_farther_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With 1.42 kg in its hand the arm left its path by 23 mm, and its wrist met a bin's wall."""
+    asked = list[float]()
+
+    def room(q: Array, clearance: float) -> Array:
+        asked.append(clearance)
+        return np.full((len(q), 1), 0.01)
+
+    def optimised(*told: Any, clear: Any, room: Any, **named: Any) -> None:
+        assert clear(np.zeros((3, 7))).tolist() == [True] * 3 and room(np.zeros((3, 7))).shape == (3, 1)
+
+    monkeypatch.setattr(weighing, "optimise_excitation", optimised)
+    mover: Any = SimpleNamespace(room=room)
+    cell: Any = SimpleNamespace(apart=0.06, force=80.0)
+    points = np.random.default_rng(0).uniform(-0.03, 0.03, (200, 3))
+    model = Model.load(scenario.ArmModel(model=str(MODEL), tool_frame="wsg_tcp"))
+    for mass in (0.1, 1.5):
+        weighing.best_motion(model, mover, POSTURE, np.eye(4), points, np.zeros(3), cell, 10.0, mass)
+    assert asked == pytest.approx([0.022, 0.022, 0.05, 0.05])
