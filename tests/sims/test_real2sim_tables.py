@@ -21,9 +21,9 @@ import real2sim_tables as tables
 from twin_diagram.runtime import stopping
 
 def learn(*given, **more):
-    print("at work", file=sys.stderr, flush=True)
     try:
         with stopping.steps():
+            print("at work", file=sys.stderr, flush=True)
             while True:
                 stopping.check()
                 time.sleep(0.02)

@@ -17,7 +17,6 @@ from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.global_search import (
     Found,
-    _down,
     best_of,
     explained,
     nearby,
@@ -28,6 +27,7 @@ from twin_diagram.perception.registration.global_search import (
 )
 from twin_diagram.perception.registration.point_kernels import COARSE
 from twin_diagram.perception.registration.registration import RegisteredPose
+from twin_diagram.perception.registration.resting import _down
 from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.perception.segmentation.segmentation import level
 
