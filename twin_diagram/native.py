@@ -55,7 +55,7 @@ DISTRIBUTIONS: Final = MappingProxyType(
 )
 """What to install by the name under which it is imported: the dependencies of pyproject.toml."""
 
-RUN: Final = ("cv2", "numba", "proxsuite", "trimesh")
+RUN: Final = ("cv2", "proxsuite", "trimesh")
 """What station, perception and planner import beyond the slim installation."""
 
 _LIBUSB: Final = "libusb-1.0.so.0"
