@@ -97,7 +97,7 @@ def _worth_saying(record: logging.LogRecord) -> bool:
 
     Of that a Panda as MJCF has 232 lines, one for each OBJ whose .mtl is not there; and nothing here is deformable.
     """
-    paint = ("no materials will be included", "Material file [", "has its own materials, but")
+    paint = ("no materials will be included", "Material file [", "has its own materials, but", "vtkGLTFDocumentLoader")
     left_out = ("non-zero joint friction", "not currently supported for deformable contact", *paint)
     return record.levelno >= logging.WARNING and not any(words in record.getMessage() for words in left_out)
 

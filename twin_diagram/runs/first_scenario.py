@@ -17,6 +17,7 @@ from twin_diagram.errors import TwinError
 from twin_diagram.model.description import held_joints, unparsed
 from twin_diagram.model.description.add_arm import Arm, add_arm
 from twin_diagram.model.model import Model
+from twin_diagram.planning.collision.between_fingers import between_fingers, grips, told_in
 from twin_diagram.planning.collision.chain import Chain
 from twin_diagram.planning.collision.collision_scene import Forecast, load_scene
 from twin_diagram.runtime import atomic_file
@@ -62,6 +63,8 @@ class Brought:
         stands: whether a pose was found that is clear of the table.
         loose: names of further joints, which have no motor by the description and follow no other joint.
         held: names of joints of a hand that tendons pull.
+        grip: of a hand, what the scenario says where the frame between its finger tips lies in the first of `frames`;
+            empty: it is that frame, or there are no fingers.
         drawn_only: links with a visual and no collision shape: a camera takes them for unknown things.
     """
 
@@ -74,6 +77,7 @@ class Brought:
     loose: tuple[str, ...] = ()
     held: tuple[str, ...] = ()
     drawn_only: tuple[str, ...] = ()
+    grip: str = ""
 
     def notes(self, arm: object) -> list[str]:
         """Return what whoever brought `arm` should know, in a line each."""
@@ -140,19 +144,21 @@ def look_at(arm: str | Path, packages: Mapping[str, str | Path] | None = None, j
     every = [plant.get_frame(index) for instance in added.instances for index in plant.GetFrameIndices(instance)]
     beyond = [frame.name() for frame in every if int(frame.body().index()) in welded and frame.name() not in inner]
     frames = _tool_first(tuple(dict.fromkeys([last.name(), *(name for name in beyond if name)])))
+    movable = [j.name() for j in _joints(plant, added) if isinstance(j, (RevoluteJoint, PrismaticJoint))]
+    welds = () if joints else (joint.name() for joint in _joints(plant, added) if isinstance(joint, WeldJoint))
+    plant.Finalize()
+    frames, grip = _gripping(plant, scene_graph, added, frames)
     own = [plant.get_joint(index) for index in added.joint_indices]
     lower = np.array([float(joint.position_lower_limits()[0]) for joint in own])
     upper = np.array([float(joint.position_upper_limits()[0]) for joint in own])
     home, stands = _home(spec, lower, upper, packages)
     known = {*added.joints, *added.gripper_joints, *unparsed.of_all(unparsed.following, added.parts)}
-    movable = [j.name() for j in _joints(plant, added) if isinstance(j, (RevoluteJoint, PrismaticJoint))]
     loose = tuple(name for name in movable if name not in known)
-    welds = () if joints else (joint.name() for joint in _joints(plant, added) if isinstance(joint, WeldJoint))
     held = tuple(name.removesuffix(held_joints.HELD) for name in welds if name.endswith(held_joints.HELD))
     links = [plant.get_body(index) for instance in added.instances for index in plant.GetBodyIndices(instance)]
     drawn = [link for link in links if plant.GetVisualGeometriesForBody(link)]
     drawn_only = tuple(link.name() for link in drawn if not plant.GetCollisionGeometriesForBody(link))
-    return Brought(added.joints, lower, upper, frames, home, stands, loose, held, drawn_only)
+    return Brought(added.joints, lower, upper, frames, home, stands, loose, held, drawn_only, grip)
 
 
 def _tool_first(frames: tuple[str, ...]) -> tuple[str, ...]:
@@ -162,6 +168,28 @@ def _tool_first(frames: tuple[str, ...]) -> tuple[str, ...]:
         if named:
             return (named[0], *(name for name in frames if name != named[0]))
     return frames
+
+
+def _gripping(
+    plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm, frames: tuple[str, ...]
+) -> tuple[tuple[str, ...], str]:
+    """Return frames with one in front that grips where there is a hand, and else what to say of the first."""
+    X_LG = between_fingers(plant, scene_graph, arm)
+    if X_LG is None:
+        return frames, ""
+    last, context = plant.get_body(arm.last_link).body_frame(), plant.CreateDefaultContext()
+    places = {
+        name: np.asarray(plant.CalcRelativeTransform(context, plant.get_frame(index), last).GetAsMatrix4()) @ X_LG
+        for instance in reversed(arm.instances)
+        for index in plant.GetFrameIndices(instance)
+        if (name := plant.get_frame(index).name()) in frames
+    }
+    for name in frames:
+        if grips(places[name]):
+            return (name, *(other for other in frames if other != name)), ""
+    hand = plant.get_joint(arm.gripper_joint_indices[0]).parent_body().name()
+    first = hand if hand in frames else frames[0]
+    return (first, *(other for other in frames if other != first)), told_in(places[first])
 
 
 def _joints(plant: MultibodyPlant, arm: Arm) -> list[Joint]:
@@ -222,6 +250,7 @@ def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path], joints
         ]
     named = ["packages:", *(f"  {name}: {_quoted(str(Path(folder).resolve()))}" for name, folder in packages.items())]
     arm_lines = [f"    model: {_quoted(arm)}", f"    tool_frame: {_quoted(found.frames[0])}"]
+    arm_lines += [f"    {found.grip}"] if found.grip else []
     named_joints = [f"    joints: [{', '.join(map(_quoted, joints))}]"] if joints else []
     lines = [
         f"# A first scenario for {Path(arm).name}: `twin-diagram run` runs it as it is, `twin-diagram fields` tells of",
@@ -242,7 +271,13 @@ def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path], joints
         "  arm:",
         *arm_lines[:1],
         f"    # The frame that reaches goals; others at the last link: {', '.join(found.frames[1:]) or 'none'}.",
-        *arm_lines[1:],
+        *arm_lines[1:2],
+        *(
+            ["    # By the shapes of its fingers: between their tips, z along the approach, y along the closing."]
+            if found.grip
+            else []
+        ),
+        *arm_lines[2:],
         *named_joints,
         "  # Joints from the base, with their limits:",
         *(f"  {line}" for line in ranges),

@@ -60,7 +60,10 @@ class ArmModel:
     gripper_joints: list[str] = field(default_factory=list)
     """Finger joints; empty: the actuated prismatic joints that are not the arm's, and such revolute ones."""
     tool_frame: str = "panda_tcp"
-    """Frame that reaches goals; empty: the last link's own."""
+    """Frame that reaches goals; empty: the last link's own. For a pick it lies between the finger tips, z along the
+    approach and y along the closing …"""
+    X_FG: Pose = field(default_factory=Pose)
+    """… and where the description F = `tool_frame` lies elsewhere, what reaches goals lies there in F [m], [rad]."""
     effects: list[EffectSpec] = field(default_factory=list)
     """What the description alone lacks."""
 

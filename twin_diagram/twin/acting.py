@@ -11,7 +11,10 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
+from twin_diagram.errors import ModelError
+from twin_diagram.model.description.add_arm import scenario_error
 from twin_diagram.model.model import Model
+from twin_diagram.planning.collision.between_fingers import refuse_elsewhere
 from twin_diagram.planning.collision.geometry_to_solids import given_solids
 from twin_diagram.planning.preview import Preview
 from twin_diagram.planning.tasks.place_goals import check_places
@@ -48,6 +51,11 @@ def add_task(
     if not twin.task.steps:
         source = builder.AddNamedSystem("goal", ConstantVectorSource(goal_vector(twin.task)))
         return source.get_output_port(), None
+    if any(step.kind == "pick" for step in twin.task.steps):
+        try:
+            refuse_elsewhere(scene.plant, scene.scene_graph, scene.arm)
+        except ModelError as error:
+            raise scenario_error("twin.arm", error) from error
     check_places(twin.task, library, given_solids(twin.arm, twin.fixtures, packages))
     described = scene.default_positions[scene.gripper_position_index]
     fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described, scene.followers.widening)

@@ -41,6 +41,7 @@ from twin_diagram.model.description import (
     parser_warnings,
     unparsed,
 )
+from twin_diagram.model.description.tool_frame import tool_frame
 from twin_diagram.scenario import resources
 from twin_diagram.scenario.poses import pose
 
@@ -236,7 +237,7 @@ def add_arm(
         ),
         base=base.index(),
         last_link=last_link.index(),
-        tool_frame=_tool_frame(plant, instances, spec, last_link),
+        tool_frame=tool_frame(plant, instances, spec, last_link),
         parts=parts,
         stated=unparsed.stated_dynamics(parts, [joint.name() for joint in arm_joints]),
     )
@@ -379,18 +380,3 @@ def _weld_base(
         plant.RemoveJoint(floating)
     plant.AddJoint(WeldJoint(f"{root.name()}_weld", plant.world_frame(), root.body_frame(), X_WB))
     return root
-
-
-def _tool_frame(
-    plant: MultibodyPlant, instances: Iterable[ModelInstanceIndex], spec: scenario.ArmModel, last_link: RigidBody
-) -> FrameIndex:
-    if not spec.tool_frame:
-        return last_link.body_frame().index()
-    for instance in instances:
-        if plant.HasFrameNamed(spec.tool_frame, instance):
-            return plant.GetFrameByName(spec.tool_frame, instance).index()
-    names = sorted(plant.get_frame(index).name() for instance in instances for index in plant.GetFrameIndices(instance))
-    said = (
-        f"the model has no frame {spec.tool_frame!r}; '' takes the last link's own; its frames are {', '.join(names)}"
-    )
-    raise ModelError(f"tool_frame: {said}")
