@@ -29,7 +29,7 @@ from twin_diagram.logs import Log, read_log, write_log
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 SLIM = CHECKOUT / ".make" / "slim.txt"
-BIG = ("coacd", "collada", "cv2", "fast_simplification", "libusb_package", "open3d", "proxsuite", "trimesh", "vhacdx")
+BIG = ("collada", "cv2", "fast_simplification", "libusb_package", "open3d", "trimesh", "vhacdx")
 """What the slim installation does without, as it is imported."""
 
 
@@ -293,12 +293,12 @@ def test_an_import_that_fails_names_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def lacking(arguments: object) -> int:
-        raise ModuleNotFoundError("No module named 'proxsuite'", name="proxsuite")
+        raise ModuleNotFoundError("No module named 'vhacdx'", name="vhacdx")
 
     monkeypatch.setattr(cli, "_fields", lacking)
     assert cli.main(["fields"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: proxsuite is not installed, and this needs it: pip install proxsuite (")
+    assert line.startswith("error: vhacdx is not installed, and this needs it: pip install vhacdx (")
 
 
 @pytest.mark.parametrize("name", ["twin_diagram.nothing", "scipy.nothing", "foreign", None])

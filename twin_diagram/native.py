@@ -27,7 +27,7 @@ PACKAGES: Final = MappingProxyType(
         "libGL.so.1": "libgl1",  # Open3D links it; also brings Mesa's software driver
         "libX11.so.6": "libx11-6",  # Open3D links it
         "libglib-2.0.so.0": "libglib2.0-0",  # Drake's LCM links it
-        "libgomp.so.1": "libgomp1",  # proxsuite links it
+        "libgomp.so.1": "libgomp1",  # proxsuite links it, with which tests check the planner's solver
         "libusb-1.0.so.0": "libusb-1.0-0",  # Open3D links it; see `load_libusb`
     }
 )
@@ -35,7 +35,6 @@ PACKAGES: Final = MappingProxyType(
 
 DISTRIBUTIONS: Final = MappingProxyType(
     {
-        "coacd": "coacd",
         "collada": "pycollada",
         "cv2": "opencv-python-headless",
         "fast_simplification": "fast-simplification",
@@ -44,7 +43,6 @@ DISTRIBUTIONS: Final = MappingProxyType(
         "numba": "numba",
         "numpy": "numpy",
         "open3d": "open3d",
-        "proxsuite": "proxsuite",
         "pydrake": "drake",
         "scipy": "scipy",
         "threadpoolctl": "threadpoolctl",
@@ -55,7 +53,7 @@ DISTRIBUTIONS: Final = MappingProxyType(
 )
 """What to install by the name under which it is imported: the dependencies of pyproject.toml."""
 
-RUN: Final = ("cv2", "proxsuite", "trimesh")
+RUN: Final = ("cv2", "trimesh")
 """What station, perception and planner import beyond the slim installation."""
 
 _LIBUSB: Final = "libusb-1.0.so.0"

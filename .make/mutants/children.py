@@ -22,7 +22,7 @@ from mutants.maths_modules import PACKAGE
 
 WARM = (
     *("numpy", "scipy.optimize", "scipy.spatial.transform", "scipy.signal", "scipy.stats", "matplotlib.pyplot", "yaml"),
-    *("pydrake.all", "open3d", "mujoco", "cv2", "trimesh", "proxsuite", "coacd", "rosbags.highlevel", "hypothesis"),
+    *("pydrake.all", "open3d", "mujoco", "cv2", "trimesh", "proxsuite", "rosbags.highlevel", "hypothesis"),
     *("PIL.Image", "psutil", "hypothesis.strategies"),
 )
 """What tests and package import from elsewhere. Never the package itself: each child imports it with its own fault."""

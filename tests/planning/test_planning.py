@@ -16,6 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from tests.planning.mpc.prox_qp import ProxQp
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import AssetError, ModelError
@@ -36,7 +37,7 @@ from twin_diagram.planning.collision.convex_solids import Ball, Box, Drum, Polyt
 from twin_diagram.planning.collision.forecast_growth import TUNING as FORECAST_GROWTH
 from twin_diagram.planning.collision.solid_batch import Body
 from twin_diagram.planning.mpc.payload_gravity import gravity_regressor
-from twin_diagram.planning.mpc.quadratic_program import ProxQp, QuadraticProgram
+from twin_diagram.planning.mpc.quadratic_program import QuadraticProgram
 from twin_diagram.planning.mpc.trajectory import Trajectory, response
 from twin_diagram.planning.paths import inverse_kinematics, rrt_connect
 from twin_diagram.scenario.resources import models_dir

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -217,6 +217,8 @@ def replay_log(
     model: str | None = None,
     overrides: Iterable[str] = (),
     columns: str | Path | None = None,
+    joints: Sequence[str] = (),
+    constants: Sequence[str] = (),
     out: str | Path | None = None,
     show: bool = False,
     meldis: bool = False,
@@ -225,10 +227,12 @@ def replay_log(
     """Run the twin on a recording (a folder of `run_scenario`) or on a bare measured log.
 
     Args:
-        log: the folder, or a .csv or .npz file.
+        log: the folder, or a measured log: .csv, .npz, a ROS bag or an LCM log.
         model: the arm's description, needed for a bare log.
         overrides: ``dotted.field=value`` each.
         columns: what a bare foreign log's columns mean, see `read_log`.
+        joints: of one arm, in order, of a bare log's robot that has more; empty: all.
+        constants: of the motors, where a bare log holds currents: as `--torque-constants` takes them.
         out: as in `run_scenario`.
         show: as in `run_scenario`.
         meldis: as in `run_scenario`.
@@ -237,7 +241,7 @@ def replay_log(
     Raises:
         TwinError: no such log, or it cannot be used.
     """
-    scenario = replay_scenario(log, model, overrides, columns)
+    scenario = replay_scenario(log, model, overrides, columns, joints, constants)
     return run_scenario(scenario, out=out, show=show, meldis=meldis, say=say)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -102,6 +104,14 @@ def test_where_taking_apart_fails_the_hull_holds(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(pieces, "_taken_apart", lambda vertices, faces: [])
     made = of(corner(), 3.2e-4)
     assert len(made.vertices) == 1 and "could not be taken apart" in made.how
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 always looks there")
+def test_files_where_the_user_works_are_none_of_its_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A corner was held as its hull, and would have been no more than that in any planner's eyes."""
+    (tmp_path / "vhacdx.py").write_text("raise SystemExit('the user's own')")
+    monkeypatch.chdir(tmp_path)
+    assert "V-HACD" in of(corner(), 3e-4).how
 
 
 @pytest.mark.parametrize("thick", [0.0, 1e-17, 1e-12])

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.planning.mpc.prox_qp import ProxQp
 from twin_diagram.planning.mpc.active_set import ActiveSet
-from twin_diagram.planning.mpc.quadratic_program import ProxQp, QuadraticProgram
+from twin_diagram.planning.mpc.quadratic_program import QuadraticProgram
 
 ENDLESS = 1e20
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.planning.mpc.prox_qp import ProxQp
 from twin_diagram.planning.mpc.motion_program import MotionProgram, Rows
-from twin_diagram.planning.mpc.quadratic_program import ProxQp, QpSolution, QpSolver, QuadraticProgram
+from twin_diagram.planning.mpc.quadratic_program import QpSolution, QpSolver, QuadraticProgram
 from twin_diagram.signals.arrays import Array
 
 K, N, M = 6, 3, 5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -15,7 +14,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 from twin_diagram.assets.building.inertia import hull_of, spread
 from twin_diagram.assets.building.surface import Faces
 from twin_diagram.errors import AssetError
-from twin_diagram.runtime.threads import one_thread_variables
+from twin_diagram.runtime.child_process import environment
 from twin_diagram.signals.arrays import Array
 
 
@@ -217,12 +216,10 @@ def _taken_apart(vertices: Array, faces: Faces) -> list[Array]:
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder, "mesh.npz"), Path(folder, "pieces.npz")
         np.savez(given, vertices=vertices, faces=faces)
-        here = str(Path(__file__).resolve().parents[3])
-        path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
         try:
             done = subprocess.run(
                 [sys.executable, "-m", "twin_diagram.assets.building.vhacd_process", str(given), str(made)],
-                env={**os.environ, "PYTHONPATH": path, **one_thread_variables(os.environ)},
+                env=environment(),
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 timeout=TUNING.patience,

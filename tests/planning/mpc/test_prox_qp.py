@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin_diagram.planning.mpc.quadratic_program import ProxQp, QuadraticProgram
+from tests.planning.mpc.prox_qp import ProxQp
+from twin_diagram.planning.mpc.quadratic_program import QuadraticProgram
 
 
 def boxed(curvature: np.ndarray, g: np.ndarray, bound: float = 1.0) -> QuadraticProgram:
