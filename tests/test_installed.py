@@ -29,7 +29,7 @@ from twin_diagram.logs import Log, read_log, write_log
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 SLIM = CHECKOUT / ".make" / "slim.txt"
-BIG = ("collada", "cv2", "fast_simplification", "libusb_package", "open3d", "trimesh", "vhacdx")
+BIG = ("coacd", "collada", "cv2", "fast_simplification", "libusb_package", "open3d", "trimesh", "vhacdx")
 """What the slim installation does without, as it is imported."""
 
 

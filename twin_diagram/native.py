@@ -35,6 +35,7 @@ PACKAGES: Final = MappingProxyType(
 
 DISTRIBUTIONS: Final = MappingProxyType(
     {
+        "coacd": "coacd",
         "collada": "pycollada",
         "cv2": "opencv-python-headless",
         "fast_simplification": "fast-simplification",

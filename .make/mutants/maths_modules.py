@@ -28,7 +28,7 @@ LEFT_OUT = (
     *("assets/command", "assets/library", "assets/building/source_mesh", "assets/building/write_asset"),
     *("assets/building/gltf_file", "assets/building/named_files", "assets/building/mesh_parts"),
     *("planning/grasps/command", "planning/grasps/page", "planning/grasps/kept_grasps"),
-    *("assets/building/from_mesh", "assets/building/vhacd_process"),
+    *("assets/building/from_mesh", "assets/building/apart_process"),
     *("assets/asset", "assets/description", "gap/correction/named_effects", "gap/named"),
     # Stations other than the simulated one; what all stations share.
     *("station/lcm", "station/lcm_*", "station/replay", "station/played", "station/recorder", "station/recording"),

@@ -1,4 +1,4 @@
-"""The command `twin-diagram assets`: build, list, check, remove. Cheap to import, as the command line is."""
+"""The command `twin-diagram assets`: build, list, check, remove, improve. Cheap to import, as the command line is."""
 
 from __future__ import annotations
 
@@ -52,7 +52,13 @@ def add_asset_commands(commands: Any) -> None:
     remove = ways.add_parser("remove", help="take an asset out of a library")
     remove.add_argument("name")
     remove.set_defaults(command=_remove)
-    for way in (build, listed, check, remove):
+    improve = ways.add_parser(
+        "improve", help="hold an asset more closely by CoACD's convex pieces, which takes minutes"
+    )
+    improve.add_argument("name")
+    improve.add_argument("--limit", type=float, metavar="S", help="give up after so long [s] (default: 600)")
+    improve.set_defaults(command=_improve)
+    for way in (build, listed, check, remove, improve):
         way.add_argument("--library", required=True, type=Path, metavar="DIR", help="the folder of assets")
 
 
@@ -136,6 +142,19 @@ def _check(arguments: argparse.Namespace) -> int:
         print(line, file=sys.stderr)
     if corrupt:
         raise AssetError("; ".join(f"{one.name} is corrupt: {one.wrong}" for one in corrupt))
+    return 0
+
+
+def _improve(arguments: argparse.Namespace) -> int:
+    from twin_diagram.assets.building.improve import improve_pieces
+
+    print("taking it apart with CoACD, at low priority; Ctrl-C leaves it as it is", file=sys.stderr, flush=True)
+    done = improve_pieces(arguments.name, arguments.library, arguments.limit)
+    before, after = (f"{1e6 * volume:.4g} cm³" for volume in (done.before, done.after))
+    if done.taken:
+        print(f"{done.folder}: {done.pieces} convex pieces hold it in {after}, before in {before}")
+    else:
+        print(f"{done.folder}: left as it is: {done.why}" + (f" ({after}, its own {before})" if done.after > 0 else ""))
     return 0
 
 

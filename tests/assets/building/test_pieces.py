@@ -101,7 +101,7 @@ def test_a_corner_is_taken_apart() -> None:
 
 
 def test_where_taking_apart_fails_the_hull_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pieces, "_taken_apart", lambda vertices, faces: [])
+    monkeypatch.setattr(pieces, "taken_apart", lambda vertices, faces: [])
     made = of(corner(), 3.2e-4)
     assert len(made.vertices) == 1 and "could not be taken apart" in made.how
 
@@ -126,7 +126,7 @@ def test_slivers_of_a_taken_apart_thing_are_no_pieces(monkeypatch: pytest.Monkey
         return subprocess.CompletedProcess(command, 0, b"", b"")
 
     monkeypatch.setattr(subprocess, "run", made)
-    (piece,) = pieces._taken_apart(whole, np.array([[0, 1, 2]]))
+    (piece,) = pieces.taken_apart(whole, np.array([[0, 1, 2]]))
     np.testing.assert_allclose(piece, whole)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
@@ -103,7 +105,7 @@ def pieces_of(vertices: Array, faces: Faces, volume: float) -> Pieces:
     full = volume >= TUNING.full * hull.volume
     if full or (dent(hull, points) <= allowed and hollow(hull, vertices[faces]) <= TUNING.hollow):
         return Pieces((simplified(hull),), "its convex hull")
-    found = _taken_apart(vertices, faces)
+    found = taken_apart(vertices, faces)
     if not found:
         return Pieces((simplified(hull),), "its convex hull, for it could not be taken apart")
     return Pieces(tuple(holding(found, points)), f"{len(found)} pieces of V-HACD")
@@ -208,26 +210,38 @@ def farthest_out(points: Array, hull: ConvexHull) -> Array:
     return np.asarray((planes[:, :3] @ points.T + planes[:, 3:]).max(axis=0))
 
 
-def _taken_apart(vertices: Array, faces: Faces) -> list[Array]:
-    """Return V-HACD's pieces; none where it fails or takes too long.
+def taken_apart(
+    vertices: Array, faces: Faces, method: Literal["vhacd", "coacd"] = "vhacd", patience: float | None = None
+) -> list[Array]:
+    """Return the pieces' vertices, each (m, 3) [m], that V-HACD or CoACD finds; none where it fails or takes too long.
 
     It runs in a process of its own: it meets meshes of all kinds, and neither its end nor a signal may wait for it.
+
+    Args:
+        vertices: of the surface (V, 3) [m].
+        faces: its triangles (F, 3).
+        method: of `apart_process.METHODS`.
+        patience: time after which it is ended [s]; None: `TUNING.patience`.
+
+    Raises:
+        AssetError: its package is not installed.
     """
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder, "mesh.npz"), Path(folder, "pieces.npz")
         np.savez(given, vertices=vertices, faces=faces)
         try:
             done = subprocess.run(
-                [sys.executable, "-m", "twin_diagram.assets.building.vhacd_process", str(given), str(made)],
+                [sys.executable, "-m", "twin_diagram.assets.building.apart_process", method, str(given), str(made)],
                 env=environment(),
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
-                timeout=TUNING.patience,
+                timeout=TUNING.patience if patience is None else patience,
             )
         except subprocess.TimeoutExpired:
             return []
-        if b"No module named 'vhacdx'" in done.stderr:
-            raise AssetError("taking an object apart needs the package vhacdx: pip install vhacdx")
+        if lacking := re.search(rb"No module named '(vhacdx|coacd)'", done.stderr):
+            package = lacking.group(1).decode()
+            raise AssetError(f"taking an object apart needs the package {package}: pip install {package}")
         if done.returncode != 0 or not made.is_file():
             return []
         with np.load(made, allow_pickle=False) as data:
@@ -236,7 +250,7 @@ def _taken_apart(vertices: Array, faces: Faces) -> list[Array]:
 
 
 def _has_volume(piece: Array) -> bool:
-    """Return whether a piece (m, 3) has one: slivers of V-HACD's are flat but for rounding."""
+    """Return whether a piece (m, 3) has one: slivers are flat but for rounding."""
     try:
         return hull_of(piece).volume > 0.0
     except AssetError:

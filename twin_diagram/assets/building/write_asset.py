@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -148,11 +149,6 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         # The same points again: they are drawn alike.
         arrays["unpainted"] = in_view(new.mesh, new.blank, ASSET.cloud_points).colours[:, 0] > 0.5
     np.savez(folder / "cloud.npz", **arrays)
-    (folder / "pieces").mkdir()
-    flat = flat_faces(new.mesh.vertices[new.mesh.faces])
-    files = [ConvexFile(f"pieces/piece{k}.obj", flattened(piece, flat)) for k, piece in enumerate(new.pieces)]
-    for file in files:
-        (folder / file.name).write_text(_obj_of(file.vertices))
     inertia = new.solid.inertia(new.mass) if new.measured is None else new.measured.inertia
     reach = np.abs(new.mesh.vertices).max(axis=0)
     symmetries = symmetry.proposed(cloud.points, cloud.normals, cloud.colours)
@@ -161,7 +157,6 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         shape="mesh",
         size=[float(x) for x in 2 * reach],
         mass=new.mass,
-        pieces=[file.name for file in files],
         version=VERSION,
         origin=[float(x) for x in new.origin],
         inertia=[float(inertia[i, j]) for i, j in SIX],
@@ -177,13 +172,31 @@ def _write_files(new: NewAsset, folder: Path) -> None:
         _tell_errors_of_shape(spec, new, new.errors)
     if new.measured is not None:
         _tell_errors(spec, new.measured)
-    (folder / "model.xml").write_text(mjcf(spec, np.zeros(3), inertia, [file.name for file in files]))
-    model = sdf(spec, np.zeros(3), inertia, pieces=files, feet_O=feet(new.mesh.vertices, flat))
-    (folder / "model.sdf").write_text(model)
+    write_models(folder, spec, new.pieces, new.mesh.vertices, flat_faces(new.mesh.vertices[new.mesh.faces]))
     spec.files = {
         path: hashlib.sha256((folder / path).read_bytes()).hexdigest() for path in written_files.files_of(folder)
     }
     (folder / "asset.yaml").write_text(yaml_dump_typed(spec))
+
+
+def write_models(folder: Path, spec: AssetSpec, pieces: Sequence[Array], vertices: Array, flat: Array) -> None:
+    """Write an asset's pieces and the models that are made of them, and name the pieces in its description.
+
+    Args:
+        folder: of the asset; has no pieces.
+        spec: with mass and inertia.
+        pieces: vertices (m, 3) of each [m].
+        vertices: (V, 3) of its surface [m].
+        flat: (k, 4) planes of its flat faces; no piece stands out of them.
+    """
+    (folder / "pieces").mkdir()
+    files = [ConvexFile(f"pieces/piece{k}.obj", flattened(piece, flat)) for k, piece in enumerate(pieces)]
+    for file in files:
+        (folder / file.name).write_text(_obj_of(file.vertices))
+    spec.pieces = [file.name for file in files]
+    inertia = np.array(spec.inertia)[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+    (folder / "model.xml").write_text(mjcf(spec, np.zeros(3), inertia, spec.pieces))
+    (folder / "model.sdf").write_text(sdf(spec, np.zeros(3), inertia, pieces=files, feet_O=feet(vertices, flat)))
 
 
 def _tell_errors_of_shape(spec: AssetSpec, new: NewAsset, errors: ShapeErrors) -> None:
