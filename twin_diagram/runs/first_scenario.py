@@ -236,12 +236,6 @@ def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path], joints
         packages: local folders for `package://` names.
         joints: those that were named.
     """
-    unlimited = [joint for joint, low, high in zip(found.joints, found.lower, found.upper, strict=True) if low >= high]
-    boundless = ~(np.isfinite(found.lower) & np.isfinite(found.upper))
-    ranges = [
-        f"#   {joint}: {low:.4g} to {high:.4g}" + ("  (no limit named)" if free else "")
-        for joint, low, high, free in zip(found.joints, found.lower, found.upper, boundless, strict=True)
-    ]
     fixtures = ["  fixtures:", f"    - model: {TUNING.table}"]
     if not found.stands:
         fixtures = [
@@ -279,9 +273,7 @@ def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path], joints
         ),
         *arm_lines[2:],
         *named_joints,
-        "  # Joints from the base, with their limits:",
-        *(f"  {line}" for line in ranges),
-        *([f"  # Limits that leave no room: {', '.join(unlimited)}"] if unlimited else []),
+        *_limits(found),
         f"  home: [{', '.join(f'{angle:.4f}' for angle in found.home)}]",
         *fixtures,
         "  # Known objects by name, folders of assets: {mug: objects/mug}",
@@ -293,6 +285,18 @@ def text_of(arm: str, found: Brought, packages: Mapping[str, str | Path], joints
         "  # task: {X_WG: {translation: [0.5, 0.0, 0.3], rpy: [3.141593, 0.0, 0.0]}}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _limits(found: Brought) -> list[str]:
+    """Return comments that say how far joints go."""
+    unlimited = [joint for joint, low, high in zip(found.joints, found.lower, found.upper, strict=True) if low >= high]
+    boundless = ~(np.isfinite(found.lower) & np.isfinite(found.upper))
+    ranges = [
+        f"  #   {joint}: {low:.4g} to {high:.4g}" + ("  (no limit named)" if free else "")
+        for joint, low, high, free in zip(found.joints, found.lower, found.upper, boundless, strict=True)
+    ]
+    no_room = [f"  # Limits that leave no room: {', '.join(unlimited)}"] if unlimited else []
+    return ["  # Joints from the base, with their limits:", *ranges, *no_room]
 
 
 def _quoted(text: str) -> str:

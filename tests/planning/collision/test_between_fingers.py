@@ -10,7 +10,15 @@ import pytest
 
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.planning.collision.ball_cover import arm_plant
-from twin_diagram.planning.collision.between_fingers import between_fingers, grips, refuse_elsewhere, told_in
+from twin_diagram.planning.collision.between_fingers import (
+    between_fingers,
+    beyond_palm,
+    grips,
+    refuse_elsewhere,
+    told_in,
+)
+from twin_diagram.planning.grasps.gripper import PANDA_HAND, WSG50, Gripper
+from twin_diagram.planning.tasks.grasp_from_above import grasps_from_above
 from twin_diagram.runs.first_scenario import look_at, write_first_scenario
 from twin_diagram.scenario import ArmModel, Pose, load_scenario
 from twin_diagram.signals.arrays import Array
@@ -60,6 +68,23 @@ def test_the_frames_of_the_hands_that_come_along_are_found(model: str, frame: st
     np.testing.assert_allclose(found[:3, 2], named[:3, 2], atol=1e-6)
     np.testing.assert_allclose(abs(found[:3, 1] @ named[:3, 1]), 1.0, atol=1e-9)
     assert grips(np.linalg.inv(named) @ found)
+
+
+@pytest.mark.parametrize(("gripper", "model"), [(PANDA_HAND, "panda_hand"), (WSG50, "iiwa7_wsg")])
+def test_how_far_fingers_reach_beyond_the_palm_is_found(gripper: Gripper, model: str) -> None:
+    plant, scene_graph, arm, _keep = arm_plant(ArmModel(model=f"arms/{model}.urdf", tool_frame=gripper.frame))
+    assert beyond_palm(plant, scene_graph, arm) == pytest.approx(gripper.finger_length, abs=1e-3)
+
+
+def test_a_palm_close_behind_the_tips_stays_above_what_is_taken() -> None:
+    x, y, z = np.meshgrid([-0.02, 0.02], [-0.03, 0.03], [-0.06, 0.06])
+    pieces = (np.stack([x, y, z], axis=-1).reshape(-1, 3),)
+    where = np.array([1.0, 0, 0, 0, 0.5, 0, 0.06])
+    down, nobody = np.array([0.0, 1, 0, 0]), np.zeros((0, 3))
+    deep, _ = grasps_from_above(pieces, where, 0.08, down, nobody)
+    shallow, _ = grasps_from_above(pieces, where, 0.08, down, nobody, free=0.035)
+    assert deep[0, 6] == pytest.approx(0.09)
+    assert shallow[0, 6] == pytest.approx(0.12 - 0.02)  # tips 10 mm lower, 35 mm before the palm, which keeps 5
 
 
 def test_a_hand_that_points_along_another_axis_is_found_and_told(tmp_path: Path) -> None:

@@ -101,6 +101,26 @@ def grips(X_FG: Array) -> bool:
     return bool(near and X_FG[2, 2] >= least and abs(X_FG[1, 1]) >= least)
 
 
+def beyond_palm(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> float:
+    """Return how far the finger tips reach beyond what of the hand stands still between them [m].
+
+    Infinite where `between_fingers` has no answer, or nothing is there.
+    """
+    X_LG = between_fingers(plant, scene_graph, arm)
+    if X_LG is None:
+        return np.inf
+    last, context = plant.get_body(arm.last_link), plant.CreateDefaultContext()
+    moving = {int(body.index()) for body in _moving(plant, arm)}
+    farthest = -np.inf
+    for body in plant.GetBodiesWeldedTo(last):
+        for hull in _hulls(plant, scene_graph, context, last, body) if int(body.index()) not in moving else ():
+            inside = (hull - X_LG[:3, 3]) @ X_LG[:3, :3]
+            low, high = inside.min(axis=0), inside.max(axis=0)
+            if (low[:2] < 0.0).all() and (high[:2] > 0.0).all():
+                farthest = max(farthest, float(high[2]))
+    return TUNING.tip - farthest
+
+
 def told_in(X_FG: Array) -> str:
     """Return what a scenario's arm says where G lies in its `tool_frame` F; X_FG (4, 4), or half a turn about its z."""
     X_FG = X_FG.copy()
@@ -167,13 +187,19 @@ def _points(
     plant: MultibodyPlant, scene_graph: SceneGraph, context: Context, last: RigidBody, body: RigidBody
 ) -> Array:
     """Return points (V, 3) around a body's collision shapes, in the last link [m]."""
+    return np.concatenate([np.zeros((0, 3)), *_hulls(plant, scene_graph, context, last, body)])
+
+
+def _hulls(
+    plant: MultibodyPlant, scene_graph: SceneGraph, context: Context, last: RigidBody, body: RigidBody
+) -> list[Array]:
+    """Return points (V, 3) around each of a body's collision shapes, in the last link [m]."""
     inspector = scene_graph.model_inspector()
     X_LB = _in(plant, context, last, body)
-    hulls = [
+    return [
         moved(X_LB @ inspector.GetPoseInFrame(shape).GetAsMatrix4(), points_of(inspector, shape))
         for shape in plant.GetCollisionGeometriesForBody(body)
     ]
-    return np.concatenate([np.zeros((0, 3)), *hulls])
 
 
 def _approach(

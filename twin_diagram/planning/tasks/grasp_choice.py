@@ -71,6 +71,7 @@ def choices(
     shape: ShapeGrasps,
     *,
     symmetric: bool = False,
+    free: float = np.inf,
 ) -> Array:
     """Return where the tool could take an object, the best first.
 
@@ -82,11 +83,12 @@ def choices(
         others: (M, 3) other objects' x, y [m] and radius [m].
         shape: grasps of the object's shape; those whose hand would meet what the object stands on are left out.
         symmetric: whether the object looks the same however it is turned about its own z axis.
+        free: how far the finger tips reach beyond the palm [m].
 
     Returns:
         (G, 7) X_WG; none where nothing offers itself.
     """
-    above, cost = grasps_from_above(pieces_O, X_WO, opening, near, others, symmetric=symmetric)
+    above, cost = grasps_from_above(pieces_O, X_WO, opening, near, others, symmetric=symmetric, free=free)
     if not len(shape.poses):
         return above
     R_WO = rotations.matrix(X_WO[:4])

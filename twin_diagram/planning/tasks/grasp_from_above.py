@@ -27,6 +27,9 @@ class Tuning:
     depth: float = 0.03
     """The finger tips reach this far below the object's top [m] …"""
 
+    palm: float = 0.005
+    """The palm stays this far above the object's top [m]: what an estimated pose is off by at the most."""
+
     bottom: float = 0.02
     """… but stay this far above its bottom [m]."""
 
@@ -52,7 +55,14 @@ TUNING = Tuning()
 
 
 def grasps_from_above(
-    pieces_O: tuple[Array, ...], X_WO: Array, opening: float, near: Array, others: Array, *, symmetric: bool = False
+    pieces_O: tuple[Array, ...],
+    X_WO: Array,
+    opening: float,
+    near: Array,
+    others: Array,
+    *,
+    symmetric: bool = False,
+    free: float = np.inf,
 ) -> tuple[Array, Array]:
     """Return where the tool could take an object from above, the best first, and what each costs.
 
@@ -63,13 +73,14 @@ def grasps_from_above(
         near: (4) quaternion of the tool's present turn: of grasps equally good the one that turns least is the best.
         others: (M, 3) other objects' x, y [m] and radius [m] that the fingers should not come near.
         symmetric: whether the object looks the same however it is turned about its own z axis.
+        free: how far the finger tips reach beyond the palm [m].
 
     Returns:
         (G, 7) X_WG, none where it is too wide, whichever way it is taken; (G,) costs.
     """
     R_WO = rotations.matrix(X_WO[:4])
     pieces = [piece @ R_WO.T + X_WO[4:] for piece in pieces_O]
-    heights = _heights(pieces)
+    heights = _heights(pieces, min(TUNING.depth, free - TUNING.reach - TUNING.palm))
     heading = _heading(R_WO, symmetric=symmetric)
     found: list[tuple[float, Array]] = []
     for turn in heading + np.arange(TUNING.turns) * np.pi / TUNING.turns:
@@ -104,7 +115,7 @@ def _heading(R_WO: Array, *, symmetric: bool) -> float:
     return float(np.arctan2(R_WO[1, axis], R_WO[0, axis]))
 
 
-def _heights(pieces_W: list[Array]) -> list[float]:
+def _heights(pieces_W: list[Array], depth: float) -> list[float]:
     """Return the heights at which the tool may take an object [m], the lowest first.
 
     As deep as the fingers go, and just above each piece that lies lower than the top: where that is too wide for the
@@ -112,10 +123,11 @@ def _heights(pieces_W: list[Array]) -> list[float]:
 
     Args:
         pieces_W: corners (m, 3) of its convex pieces in W [m].
+        depth: of the tool below the object's top, at the most [m].
     """
     tops = np.array([piece[:, 2].max() for piece in pieces_W])
     low, high = min(float(piece[:, 2].min()) for piece in pieces_W), float(tops.max())
-    deep = max(high - TUNING.depth, min(low + TUNING.bottom, 0.5 * (low + high)))
+    deep = max(high - depth, min(low + TUNING.bottom, 0.5 * (low + high)))
     above = sorted(float(top) + TUNING.tip for top in tops if top <= high - TUNING.hold)
     return [deep, *(z for z in above if z > deep)]
 

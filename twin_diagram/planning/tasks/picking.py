@@ -88,7 +88,7 @@ def _offered(seen: StepView, step: Step, library: Sequence[Takeable], near: Arra
     ]
     rows = np.array(others).reshape(-1, 3)
     pose, wide = track.pose, seen.widest
-    return choices(known.pieces, pose, wide, near, rows, known.shape, symmetric=known.symmetric)
+    return choices(known.pieces, pose, wide, near, rows, known.shape, symmetric=known.symmetric, free=seen.free)
 
 
 def _nearest(X_WG: Array, seen: StepView, step: Step, library: Sequence[Takeable]) -> Array | None:

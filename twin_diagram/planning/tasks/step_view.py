@@ -47,6 +47,7 @@ class StepView:
         finger_speed: of the fastest finger [m/s].
         widest: the fingers' greatest opening [m].
         reach: number of joint positions that reach the goal; `NEVER` where the planner has none.
+        free: how far the finger tips reach beyond the palm [m].
         eye: the camera, as far as calibration goes; None where nothing is told of its errors.
     """
 
@@ -60,3 +61,4 @@ class StepView:
     widest: float
     reach: float
     eye: Eye | None = None
+    free: float = np.inf

@@ -63,22 +63,28 @@ class Fingers:
         closed: (g,) the end of their travel at which they meet [m].
         opened: (g,) the other end [m].
         widening: (g,) by how much the opening grows with each, that of what follows it included.
+        free: how far their tips reach beyond the palm [m].
     """
 
     described: Array
     closed: Array
     opened: Array
     widening: Array | float = 1.0
+    free: float = np.inf
 
     @staticmethod
     def of(
-        plant: MultibodyPlant, joints: tuple[JointIndex, ...], described: Array, widening: Array | float = 1.0
+        plant: MultibodyPlant,
+        joints: tuple[JointIndex, ...],
+        described: Array,
+        widening: Array | float = 1.0,
+        free: float = np.inf,
     ) -> Fingers:
         """Return the fingers of a plant's gripper: they meet at the end of their travel that is nearer to zero."""
         fingers = [plant.get_joint(index) for index in joints]
         limits = [(joint.position_lower_limits()[0], joint.position_upper_limits()[0]) for joint in fingers]
         ends = np.array([sorted(pair, key=abs) for pair in limits], dtype=float).reshape(-1, 2)
-        return Fingers(np.array(described, dtype=float), ends[:, 0], ends[:, 1], widening)
+        return Fingers(np.array(described, dtype=float), ends[:, 0], ends[:, 1], widening, free)
 
     @property
     def widest(self) -> float:
@@ -308,6 +314,7 @@ class TaskRunner(LeafSystem):
             opening=self._fingers.opening(fingers[:g]),
             finger_speed=float(np.abs(fingers[g:]).max(initial=0.0)),
             widest=self._fingers.widest,
+            free=self._fingers.free,
             reach=reach,
             eye=self._eye_now(context),
         )
