@@ -128,7 +128,17 @@ def summarize(
     rotation_tolerance: float,
     timing: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return the figures of ``summary.json``, every one computed from the record."""
+    """Return the figures of ``summary.json``, every one computed from the record.
+
+    Args:
+        record: the samples.
+        seed: of the run.
+        duration: of the run [s].
+        payload_true: mass that the tool truly carries [kg]; None: nobody knows.
+        position_tolerance: within which a goal counts as reached [m].
+        rotation_tolerance: likewise [rad].
+        timing: what is told of computing time, as it is.
+    """
     has_goal = bool(np.isfinite(record.goal_error[-1]))
     return {
         "seed": seed,
