@@ -30,6 +30,9 @@ class Tuning:
     settled: float = 0.5
     """Errors count from this long after an object first came in sight [s]: the camera's first frames have to arrive."""
 
+    weighed: float = 0.15
+    """A payload counts as weighed to within this share of its mass."""
+
 
 TUNING = Tuning()
 
@@ -229,8 +232,13 @@ def _finite(value: float) -> float | None:
 def within(summary: Mapping[str, Any], *, millimetres: float = 5.0, degrees: float = 5.0) -> dict[str, bool]:
     """Return which of the bounds of the closed loop a run keeps.
 
+    Args:
+        summary: as of `summarize`.
+        millimetres: that an object's median position may be off.
+        degrees: that its median rotation may be.
+
     Returns:
-        ``tracked`` (every object that was visible at all), ``untouched``, ``reached``, ``weighed`` (payload to 15 %).
+        ``tracked`` (every object that was visible at all), ``untouched``, ``reached``, ``weighed`` (the payload).
     """
     tracked = True
     for entry in summary["objects"].values():
@@ -244,7 +252,7 @@ def within(summary: Mapping[str, Any], *, millimetres: float = 5.0, degrees: flo
         "tracked": tracked,
         "untouched": summary["contacts"] == 0 and (summary["clearance_min_mm"] or 0.0) > 0.0,
         "reached": summary["goal"]["reached"],
-        "weighed": bool(true) and estimated is not None and abs(estimated - true) <= 0.15 * true,
+        "weighed": bool(true) and estimated is not None and abs(estimated - true) <= TUNING.weighed * true,
     }
 
 
