@@ -20,7 +20,7 @@ from twin_diagram.runs import run_seeds, tell_seeds
 
 
 def main() -> int:
-    """Parses the command line and runs."""
+    """Parse the command line and run."""
     logging.getLogger("drake").setLevel(logging.WARNING)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenario", default="real_camera", help="file or name (default: %(default)s)")

@@ -20,7 +20,7 @@ from twin_diagram.runs import filter_log
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Parses the command line, prints a line per parameter."""
+    """Parse the command line, print a line per parameter."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--model", required=True, help="URDF, SDF, MJCF or the folder of a corrected model")
     parser.add_argument("--log", required=True, help="measured log")

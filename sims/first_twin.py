@@ -9,13 +9,12 @@ import argparse
 
 from pydrake.systems.analysis import Simulator
 
-from twin_diagram.runs.run import beliefs
-from twin_diagram.scenario.file import load_scenario
-from twin_diagram.twin.closed_loop import make_closed_loop
+from twin_diagram import load_scenario, make_closed_loop
+from twin_diagram.runs import beliefs
 
 
 def main() -> None:
-    """Runs three seconds and prints beliefs."""
+    """Run three seconds and print beliefs."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     scenario = load_scenario("tabletop", ["twin.task.start=0.5"])  # a name or a file; fields are overridden by name
     loop = make_closed_loop(scenario)  # station and twin in one Diagram: loop.diagram, loop.station, loop.twin.diagram

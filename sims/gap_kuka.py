@@ -26,7 +26,7 @@ from twin_diagram.gap.report.words import headline
 
 
 def main() -> int:
-    """Parses the command line, prints what was found."""
+    """Parse the command line, print what was found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/gap_kuka"), help="folder (default: %(default)s)")
     arguments = parser.parse_args()

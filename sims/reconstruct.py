@@ -23,7 +23,7 @@ from twin_diagram.scenario import models_dir
 
 
 def pictured(folder: Path, views: int) -> tuple[Path, Path]:
-    """Write pictures of the shipped mug, as a D415 takes them, poses 2 mm and 0.2° off; returns them and the truth."""
+    """Write pictures of the shipped mug, as a D415 takes them, poses 2 mm and 0.2° off; return them and the truth."""
     sys.path.append(str(Path(__file__).resolve().parent / "benchmarks"))
     from rendered_views import load, pictures, write_scene
 

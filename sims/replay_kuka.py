@@ -25,7 +25,7 @@ from twin_diagram import TwinError
 
 
 def main() -> int:
-    """Parses the command line, prints the table."""
+    """Parse the command line, print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--run", choices=["A", "B"], action="append", help="which run (default: both)")
     parser.add_argument("--out", type=Path, help="also write the figures as JSON")

@@ -30,7 +30,7 @@ from twin_diagram import TwinError
 
 
 def main() -> int:
-    """Parses the command line and runs."""
+    """Parse the command line and run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1, help="of motion and noise (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help="a shorter run")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import errno
 import json
 import logging
@@ -621,6 +622,15 @@ def test_help_of_each_command(command: str, capsys: pytest.CaptureFixture[str]) 
         "predict": ["--model", "--log", "--out", "--horizon"],
     }
     assert all(word in text for word in wanted[command])
+
+
+def test_help_of_a_command_begins_with_what_it_does() -> None:
+    (commands,) = [action for action in cli._parser()._actions if isinstance(action, argparse._SubParsersAction)]
+    (ways,) = [a for a in commands.choices["assets"]._actions if isinstance(a, argparse._SubParsersAction)]
+    for several in (commands, ways):
+        for listed in several._choices_actions:
+            said = several.choices[listed.dest].description
+            assert listed.help and said == f"{listed.help[0].upper()}{listed.help[1:]}."
 
 
 def test_the_program_ends_with_one_line_and_status_two(tmp_path: Path) -> None:

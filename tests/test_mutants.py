@@ -105,7 +105,7 @@ def test_drawing_is_repeatable_and_even() -> None:
         ("looking/plots", False),
         ("visualization/diagram_svg/svg", False),
         ("logs/resampling", True),
-        ("logs/straightening", True),
+        ("logs/dejittering", True),
         ("logs/reading", False),
         ("station/lidar", True),
         ("station/sim/lidar", True),

@@ -22,7 +22,8 @@ from twin_diagram.planning.grasps.command import add_grasps_command
 from twin_diagram.runs.fleet import command as fleet_command
 from twin_diagram.runs.learning.command import add_learn_command
 from twin_diagram.runs.tracking.command import add_track_command
-from twin_diagram.runtime.command_parser import CommandParser
+from twin_diagram.runtime.command_parser import CommandParser, add_command
+from twin_diagram.runtime.progress import say_beside
 from twin_diagram.runtime.stopping import Stopped, stoppable
 from twin_diagram.runtime.threads import one_thread
 
@@ -110,7 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--verbose", action="store_true", help="say all that Drake warns of in a description")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
-    run = commands.add_parser("run", help="run a scenario: station and twin in closed loop")
+    run = add_command(commands, "run", "run a scenario: station and twin in closed loop")
     run.add_argument("scenario", help="a YAML file, or the name of a scenario that comes along, e.g. tabletop")
     _add_scenario_options(run)
     run.add_argument("--out", type=Path, metavar="DIR", help="write replay.html, diagram.svg, plots and summary.json")
@@ -120,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--log", type=Path, metavar="F", help="write the measured log (.csv or .npz)")
     run.set_defaults(command=_run)
 
-    replay = commands.add_parser("replay", help="run the twin on a recording or a measured log")
+    replay = add_command(commands, "replay", "run the twin on a recording or a measured log")
     replay.add_argument("log", type=Path, metavar="DIR_OR_LOG", help="a folder of `run --record`, or a measured log")
     replay.add_argument("--model", help="the arm's description, for a bare log: URDF, SDF, MJCF or a corrected model")
     _add_scenario_options(replay)
@@ -140,23 +141,23 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_scenario_commands(commands: Any) -> None:
     """Add the commands about scenarios."""
-    init = commands.add_parser("init", help="write a first scenario for an arm of one's own")
+    init = add_command(commands, "init", "write a first scenario for an arm of one's own")
     init.add_argument("--arm", required=True, help="URDF, SDF or MJCF")
     init.add_argument("--out", required=True, type=Path, metavar="YAML", help="the scenario; must not exist yet")
     _add_packages(init)
     _add_joints(init)
     init.set_defaults(command=_init)
 
-    fields = commands.add_parser("fields", help="what a scenario's fields mean, with units and defaults")
+    fields = add_command(commands, "fields", "what a scenario's fields mean, with units and defaults")
     fields.add_argument("section", nargs="?", default="", help="e.g. twin.filter; without it: the top level")
     fields.set_defaults(command=_fields)
 
 
 def _add_log_commands(commands: Any) -> None:
     """Add the commands about models and logs."""
-    predict = commands.add_parser("predict", help="what a model says of a measured log: torques and motion")
+    predict = add_command(commands, "predict", "what a model says of a measured log: torques and motion")
     predict.add_argument("--model", required=True, help="URDF, SDF, MJCF or the folder of a corrected model")
-    predict.add_argument("--log", required=True, type=Path, help="measured log, .csv or .npz")
+    predict.add_argument("--log", required=True, type=Path, help="measured log: .csv, .npz, a ROS bag or an LCM log")
     predict.add_argument("--out", required=True, type=Path, help="where the prediction is written, .csv or .npz")
     predict.add_argument("--horizon", type=float, default=0.2, help="length of a rollout [s] (default: %(default)s)")
     _add_columns(predict)
@@ -165,12 +166,12 @@ def _add_log_commands(commands: Any) -> None:
     _add_joints(predict)
     predict.set_defaults(command=_predict)
 
-    gap = commands.add_parser("gap", help="find what a model lacks to explain measured logs, and add it")
+    gap = add_command(commands, "gap", "find what a model lacks to explain measured logs, and add it")
     gap.add_argument("--model", help="URDF, SDF, MJCF or the folder of a corrected model")
     gap.add_argument(
-        "--fit", type=Path, action="append", metavar="LOG", help="measured log to find it in; may be repeated"
+        "--fit", type=Path, action="append", metavar="LOG", help="measured log in which to look; may be repeated"
     )
-    gap.add_argument("--holdout", type=Path, metavar="LOG", help="measured log that proves it")
+    gap.add_argument("--holdout", type=Path, metavar="LOG", help="measured log of another run, which is the proof")
     gap.add_argument(
         "--out", required=True, type=Path, metavar="DIR", help="write gap.json, model/, experiments/ and report.html"
     )
@@ -214,7 +215,7 @@ def _add_torque_side(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_joints(parser: argparse.ArgumentParser) -> None:
-    said = "of one arm, in order, of a robot that has more; the others are held (default: all)"
+    said = "the joints of one arm, in order, of a robot that has more; the others are held (default: all)"
     parser.add_argument("--joints", nargs="+", default=(), metavar="JOINT", help=said)
 
 
@@ -261,7 +262,7 @@ def _add_scenario_options(parser: argparse.ArgumentParser) -> None:
     )
     _add_packages(parser)
     parser.add_argument("--seed", type=int, help="of everything random")
-    parser.add_argument("--duration", type=float, help="[s]")
+    parser.add_argument("--duration", type=float, help="of the run [s]")
     parser.add_argument("--meshcat", action="store_true", help="look on in a browser while it runs")
     parser.add_argument("--meldis", action="store_true", help="show both scenes in a Meldis that is running")
 
@@ -368,16 +369,13 @@ def _gap(arguments: argparse.Namespace) -> int:
     from twin_diagram.gap.report.words import headline
     from twin_diagram.gap.workflow import run_gap
 
-    def say(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
     try:
         found = run_gap(
             arguments.model,
             arguments.fit,
             arguments.holdout,
             arguments.out,
-            say,
+            say_beside,
             packages=_packages(arguments),
             columns=arguments.columns,
             torque_side=arguments.torque_side,
@@ -390,7 +388,7 @@ def _gap(arguments: argparse.Namespace) -> int:
             "ten seconds in which each joint moves to and fro do"
         ) from error
     for note in found.notes:
-        say(f"warning: {note}")
+        say_beside(f"warning: {note}")
     print(headline(found.verdict))
     print(f"see {arguments.out / 'report.html'}")
     return 0

@@ -37,7 +37,7 @@ LEFT_OUT = (
 )
 KEPT = (
     *("logs/resampling", "logs/wrapping", "logs/unwrapping", "logs/differentiation"),
-    *("logs/easing", "logs/parting", "logs/spikes", "logs/straightening"),
+    *("logs/downsampling", "logs/parting", "logs/spikes", "logs/dejittering"),
 )
 """Maths inside a folder that is left out."""
 

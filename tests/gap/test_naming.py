@@ -10,7 +10,7 @@ from twin_diagram.gap.residuals.prepared_logs import prepare
 from twin_diagram.gap.residuals.whitening import estimate
 from twin_diagram.gap.verdict.locating import CONDITIONS
 from twin_diagram.logs import Log
-from twin_diagram.logs.straightening import straightened
+from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.model.model import Model
 from twin_diagram.scenario import ArmModel, EffectSpec
 
@@ -99,11 +99,11 @@ def test_several_logs_are_one_fit() -> None:
     assert set(records.owner.tolist()) == {0, 1}
 
 
-def test_late_stamps_on_even_samples_are_straightened() -> None:
+def test_late_stamps_on_even_samples_are_dejittered() -> None:
     log = log_of([], seed=3)
     rng = np.random.default_rng(0)
     late = Log(log.time + 2e-4 * rng.normal(size=len(log.time)), log.joints, log.position, torque=log.torque)
-    assert np.allclose(straightened(late).time, log.time, atol=3e-5)
+    assert np.allclose(dejittered(late).time, log.time, atol=3e-5)
 
 
 def test_whitening_makes_coloured_noise_white() -> None:

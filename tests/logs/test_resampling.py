@@ -9,8 +9,8 @@ import pytest
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, fingerprint, is_regular, resample, uniform
+from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.logs.parting import parted
-from twin_diagram.logs.straightening import straightened
 from twin_diagram.signals.arrays import Array
 
 
@@ -57,7 +57,7 @@ def test_a_clock_that_jumped_is_told_and_fills_no_memory(jump: float) -> None:
     time = np.arange(300) * 0.01
     time[200:] += jump
     broken = log(time, np.sin(time))
-    assert straightened(broken) is broken
+    assert dejittered(broken) is broken
     with pytest.raises(LogError, match=r"time: jumps from 1\.99 to .*cut the log there"):
         uniform(broken)
     assert [len(part) for part in parted(broken, 0.5)] == [200, 100]

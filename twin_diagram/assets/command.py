@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin_diagram.errors import AssetError
+from twin_diagram.runtime.command_parser import add_command
+from twin_diagram.runtime.progress import say_beside
 
 if TYPE_CHECKING:
     from twin_diagram.assets.building.from_mesh import BuiltAsset
@@ -17,10 +19,10 @@ if TYPE_CHECKING:
 
 def add_asset_commands(commands: Any) -> None:
     """Add the commands about objects."""
-    assets = commands.add_parser("assets", help="build, list, check and remove the known objects of a library")
+    assets = add_command(commands, "assets", "build, list, check and remove the known objects of a library")
     ways = assets.add_subparsers(metavar="WHAT", required=True)
 
-    build = ways.add_parser("build", help="make an asset of pictures or a mesh, for a scenario's twin.library")
+    build = add_command(ways, "build", "make an asset of pictures or a mesh, for a scenario's twin.library")
     build.add_argument(
         "source",
         type=Path,
@@ -29,7 +31,7 @@ def add_asset_commands(commands: Any) -> None:
         "predictions (.npz), or a mesh: .obj, .stl, .ply (z upwards), .glb or .gltf (y upwards), .dae (as it says)",
     )
     build.add_argument("--name", required=True, help="of the asset: letters, digits, '_', '-'")
-    build.add_argument("--mass", type=float, help="[kg]")
+    build.add_argument("--mass", type=float, help="of the object [kg]")
     build.add_argument("--density", type=float, help="[kg/m³], instead of a mass (default: water's)")
     build.add_argument("--masks", type=Path, metavar="D", help="folder of masks, beside or instead of the frames' own")
     build.add_argument("--cube-edge", type=float, metavar="M", help="edge of the green cube in predictions [m]")
@@ -44,13 +46,13 @@ def add_asset_commands(commands: Any) -> None:
     build.add_argument("--replace", action="store_true", help="write an asset of that name anew")
     build.set_defaults(command=_build)
 
-    listed = ways.add_parser("list", help="what is in a library; what is corrupt is named and left out")
+    listed = add_command(ways, "list", "what is in a library; what is corrupt is named and left out")
     listed.set_defaults(command=_list)
-    check = ways.add_parser("check", help="read every file of an asset, or of all; exits with 2 where one is corrupt")
+    check = add_command(ways, "check", "read every file of an asset, or of all; exits with 2 where one is corrupt")
     check.add_argument("name", nargs="?", help="without it: all")
     check.set_defaults(command=_check)
-    remove = ways.add_parser("remove", help="take an asset out of a library")
-    remove.add_argument("name")
+    remove = add_command(ways, "remove", "take an asset out of a library")
+    remove.add_argument("name", help="of the asset")
     remove.set_defaults(command=_remove)
     improve = ways.add_parser(
         "improve", help="hold an asset more closely by CoACD's convex pieces, which takes minutes"
@@ -83,9 +85,6 @@ def _built(arguments: argparse.Namespace) -> BuiltAsset:
     mass, density, masks, again = arguments.mass, arguments.density, arguments.masks, arguments.replace
     frames, predictions = source.is_dir(), source.suffix.lower() == ".npz"
 
-    def say(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
     if (frames or predictions) and arguments.unit != "m":
         raise AssetError(f"--unit {arguments.unit}: is of a mesh; frames are in mm, predictions scaled by --cube-edge")
     if arguments.cube_edge is not None and not predictions:
@@ -93,14 +92,16 @@ def _built(arguments: argparse.Namespace) -> BuiltAsset:
     if arguments.root is not None and (frames or predictions):
         raise AssetError(f"--root {arguments.root}: is of a mesh; {source} names no files")
     if frames:
-        return build_from_frames(source, name, library, mass, density, masks, again, say)
+        return build_from_frames(source, name, library, mass, density, masks, again, say_beside)
     if predictions:
         if arguments.cube_edge is None:
             raise AssetError(f"{source}: predictions have no unit; tell --cube-edge [m] of a green cube in them")
-        return build_from_predictions(source, name, library, arguments.cube_edge, mass, density, masks, again, say)
+        return build_from_predictions(
+            source, name, library, arguments.cube_edge, mass, density, masks, again, say_beside
+        )
     if masks is not None:
         raise AssetError(f"--masks {masks}: masks are of frames; {source} is a mesh")
-    return build_from_mesh(source, name, library, mass, density, arguments.unit, again, arguments.root, say)
+    return build_from_mesh(source, name, library, mass, density, arguments.unit, again, arguments.root, say_beside)
 
 
 def _size(lengths: Iterable[float]) -> str:

@@ -48,7 +48,7 @@ class Cloud:
 
 
 def encode_png(rgb: Image) -> bytes:
-    """PNG of an (h, w, 3) RGB image."""
+    """Return the PNG file of an (h, w, 3) RGB image."""
     good, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 9])
     if not good:
         raise AssetError(f"an image of shape {rgb.shape} cannot be written as PNG")
@@ -211,7 +211,7 @@ def _index(part: str, count: int) -> int:
 
 
 def bilinear(image: Image, uv: Array) -> Array:
-    """RGB in [0, 1] of a texture at `uv` (M, 2), v upwards, clamped at the border."""
+    """Return RGB in [0, 1] of a texture at `uv` (M, 2), v upwards, clamped at the border."""
     height, width = image.shape[:2]
     x = np.clip(uv[:, 0] * width - 0.5, 0.0, width - 1.0)
     y = np.clip((1.0 - uv[:, 1]) * height - 0.5, 0.0, height - 1.0)

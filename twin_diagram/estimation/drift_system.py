@@ -61,7 +61,7 @@ class DriftMonitor(ModelUser[Monitor]):
         alarm: (4) 1 while an alarm stands, `AlarmKind`, time raised [s] (`NEVER` before the first), largest statistic
             over threshold.
         alarm_log: (32 × 3, row by row) a ring: time raised (`NEVER` where empty), kind, statistic.
-        alarm_evidence: (32 × (10 + n)) a row for each of the log's, by `monitor.Evidence`, then each joint's share of
+        alarm_evidence: (32 × (10 + n)) a row for each of the log's, by `state.Evidence`, then each joint's share of
             the change in standard deviations.
 
     `events` makes log and evidence into records for a JSON Lines file.

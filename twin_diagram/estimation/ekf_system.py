@@ -144,7 +144,17 @@ class AdaptiveEkf(ModelUser[Ekf]):
     def of_plant(
         plant: MultibodyPlant, joints: list[str], params: Filter, tool_frame: str | None = None
     ) -> AdaptiveEkf:
-        """Return a filter for n joints of any finalized plant on a fixed base, without a `Model`."""
+        """Return a filter for n joints of any finalized plant on a fixed base, without a `Model`.
+
+        Args:
+            plant: finalized; its other joints are held where its default positions have them.
+            joints: names of the n joints, in order from the base.
+            params: tuning.
+            tool_frame: where a payload is expected; None: at the last link's origin.
+
+        Raises:
+            ModelError: see `ArmTerms`.
+        """
         return AdaptiveEkf(ArmTerms(plant, joints, tool_frame=tool_frame), params)
 
     def belief(self, context: Context) -> Belief:

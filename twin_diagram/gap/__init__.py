@@ -1,7 +1,6 @@
 """Where simulation and measurement part ways, and which effect of the catalogue is missing.
 
-The steps are usable one by one, on arrays: `prepare`, `locate`, `name` here, then `correction.add_effects.add` and
-`report.comparison.show`.
+`run_gap` is the whole workflow on files; its steps `prepare`, `locate`, `name`, `add` and `show` are usable one by one.
 """
 
 from __future__ import annotations

@@ -32,11 +32,11 @@ from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.gap.whole_robot.few_or_whole import Explanation, explained, nameless, standing_after
 from twin_diagram.logs import Log, LogWarning, fingerprint, read_log, write_columns
+from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
-from twin_diagram.logs.easing import eased
+from twin_diagram.logs.downsampling import downsampled
 from twin_diagram.logs.parting import longest, parted
 from twin_diagram.logs.spikes import unspiked
-from twin_diagram.logs.straightening import straightened
 from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.model.description import corrected_folder
 from twin_diagram.model.model import Model
@@ -339,7 +339,7 @@ def _stretches(
         shortest: that a stretch must have left after its ends are cut [s].
         more: what is done with them.
     """
-    parts = parted(straightened(log), shortest + 2.0 * DIFFERENTIATION.residual_cut)
+    parts = parted(dejittered(log), shortest + 2.0 * DIFFERENTIATION.residual_cut)
     if len(parts) > 1 or len(parts[0]) < len(log):
         spans = ", ".join(f"{part.time[0]:.3f} to {part.time[-1]:.3f} s" for part in parts)
         message = f"{log.source}: what lies between longer gaps is taken as logs of their own: {spans}{more}"
@@ -348,7 +348,7 @@ def _stretches(
     for part in parts:  # beside a gap, what an arm does looks like a leap
         whole, garbled = unspiked(part)
         warnings += garbled
-        result.append(eased(whole))
+        result.append(downsampled(whole))
     return result
 
 

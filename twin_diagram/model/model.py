@@ -262,11 +262,25 @@ class Model:
         return self.calls.mass(self.true_position(*_samples(len(self.joints), q=q)))
 
     def bias(self, q: Array, v: Array) -> Array:
-        """Return (n,) torque [N·m] at velocity (n,) and position (n,) without acceleration: C v − g and effects."""
+        """Return (n,) torque without acceleration [N·m]: C(q, v) v − g(q), and that of effects.
+
+        Args:
+            q: (n,) measured positions [rad].
+            v: (n,) velocities [rad/s].
+        """
         return self.inverse_dynamics(q, v, np.zeros_like(q))
 
     def forward_dynamics(self, q: Array, v: Array, tau: Array) -> Array:
-        """Return (…, n) accelerations [rad/s²] under logged torques `tau` (…, n)."""
+        """Return (…, n) accelerations under logged torques, each sample by itself [rad/s²].
+
+        Args:
+            q: (…, n) measured positions [rad].
+            v: (…, n) velocities [rad/s].
+            tau: (…, n) torques as the log shows them [N·m].
+
+        Raises:
+            ArgumentError: not as many numbers as joints, or, of a single sample, one that is not finite.
+        """
         q, v, tau = _samples(len(self.joints), q=q, v=v, tau=tau)
         q, tau = self.true_position(q), self.applied(tau)
         if q.ndim == 1 and not self.law.dry:
@@ -279,9 +293,11 @@ class Model:
         return np.asarray(acceleration.reshape(q.shape))
 
     def applied(self, tau: Array, time: Array | None = None) -> Array:
-        """Return the torque (…, n) that reaches the joints when `tau` is logged.
+        """Return the torque (…, n) that reaches the joints [N·m].
 
-        `time` (N,) as in `inverse_dynamics`.
+        Args:
+            tau: (…, n) as logged [N·m].
+            time: (N,) as in `inverse_dynamics` [s].
         """
         if time is not None and self.timed:
             result = np.empty(np.shape(tau))

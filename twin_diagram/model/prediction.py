@@ -17,12 +17,12 @@ from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs import Log, LogWarning, check, fingerprint, read_log, unwrapped, write_columns
+from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import Motion, below_cutoff, inner, lowpass, motion
-from twin_diagram.logs.easing import eased
+from twin_diagram.logs.downsampling import downsampled
 from twin_diagram.logs.parting import longest, parted
 from twin_diagram.logs.prefixes import under_names_of
-from twin_diagram.logs.straightening import straightened
 from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.logs.writing import check_kind
 from twin_diagram.model.description import add_arm as description
@@ -152,7 +152,7 @@ def twists(model: Model, smooth: Motion) -> tuple[Array, Array]:
 
 
 def _at(times: Array, regular: Array, values: Array) -> Array:
-    """Values at regular times brought to a log's own."""
+    """Bring values at regular times to a log's own."""
     if len(times) == len(regular) and np.array_equal(times, regular):
         return values
     return np.stack([np.interp(times, regular, values[:, k]) for k in range(values.shape[1])], axis=1)
@@ -320,8 +320,8 @@ def predict(
     turned = measured.position - under_names_of(loaded.joints, raw).select(loaded.joints).position
     for warning in warnings:
         logging.getLogger("twin_diagram").warning("%s (%s)", warning.message, warning.code)
-    even = straightened(measured)
-    used = eased(even)
+    even = dejittered(measured)
+    used = downsampled(even)
     predicted = {"time": measured.time}
     every = 1 if used is even else max(1, round(1.0 / (TUNING.long_rate * used.period)))
     stretches = [_Stretch.of(loaded, part, horizon, every) for part in _parts(used, horizon)]

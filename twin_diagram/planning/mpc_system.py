@@ -380,7 +380,7 @@ def _given(port: InputPort, context: Context) -> Array | None:
 
 
 def _offset(twin: scenario.Twin) -> float:
-    """When within a period to plan: right after the updater's tick that follows a new image's delivery [s]."""
+    """Return when within a period to plan: right after the updater's tick that follows a new image's delivery [s]."""
     camera = next(iter(twin.perceiving.values()), None)
     if camera is None:
         return 0.0

@@ -97,7 +97,7 @@ class Looking:
             builder.Connect(twin.diagram.GetOutputPort("task.hand"), arm.GetInputPort("hand"))
 
     def start(self, simulator: Simulator, live: bool, say: Say) -> None:
-        """Begin to record, where a page is kept; live, runs no faster than real time and says where to look."""
+        """Begin to record, where a page is kept; live, run no faster than real time and say where to look."""
         if self.scenes is not None and self._recorded is not None:
             self.scenes.start_recording()
         if live:

@@ -30,6 +30,9 @@ class Tuning:
     settled: float = 0.5
     """Errors count from this long after an object first came in sight [s]: the camera's first frames have to arrive."""
 
+    weighed: float = 0.15
+    """A payload counts as weighed to within this share of its mass."""
+
 
 TUNING = Tuning()
 
@@ -128,7 +131,17 @@ def summarize(
     rotation_tolerance: float,
     timing: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return the figures of ``summary.json``, every one computed from the record."""
+    """Return the figures of ``summary.json``, every one computed from the record.
+
+    Args:
+        record: the samples.
+        seed: of the run.
+        duration: of the run [s].
+        payload_true: mass that the tool truly carries [kg]; None: nobody knows.
+        position_tolerance: within which a goal counts as reached [m].
+        rotation_tolerance: likewise [rad].
+        timing: what is told of computing time, as it is.
+    """
     has_goal = bool(np.isfinite(record.goal_error[-1]))
     return {
         "seed": seed,
@@ -219,8 +232,13 @@ def _finite(value: float) -> float | None:
 def within(summary: Mapping[str, Any], *, millimetres: float = 5.0, degrees: float = 5.0) -> dict[str, bool]:
     """Return which of the bounds of the closed loop a run keeps.
 
+    Args:
+        summary: as of `summarize`.
+        millimetres: that an object's median position may be off.
+        degrees: that its median rotation may be.
+
     Returns:
-        ``tracked`` (every object that was visible at all), ``untouched``, ``reached``, ``weighed`` (payload to 15 %).
+        ``tracked`` (every object that was visible at all), ``untouched``, ``reached``, ``weighed`` (the payload).
     """
     tracked = True
     for entry in summary["objects"].values():
@@ -234,7 +252,7 @@ def within(summary: Mapping[str, Any], *, millimetres: float = 5.0, degrees: flo
         "tracked": tracked,
         "untouched": summary["contacts"] == 0 and (summary["clearance_min_mm"] or 0.0) > 0.0,
         "reached": summary["goal"]["reached"],
-        "weighed": bool(true) and estimated is not None and abs(estimated - true) <= 0.15 * true,
+        "weighed": bool(true) and estimated is not None and abs(estimated - true) <= TUNING.weighed * true,
     }
 
 

@@ -83,7 +83,7 @@ def run_trial(
     progress: Progress = lambda time: None,
     between: Callable[[Context], None] = lambda context: None,
 ) -> Trial:
-    """Advance a simulated closed loop to `duration` and samples it on the way.
+    """Advance a simulated closed loop to `duration` and sample it on the way.
 
     Args:
         loop: with a `sim` station.

@@ -20,6 +20,18 @@ class CommandParser(argparse.ArgumentParser):
         raise SystemExit(2)
 
 
+def add_command(commands: Any, name: str, does: str) -> argparse.ArgumentParser:
+    """Add a command, and return its parser.
+
+    Args:
+        commands: as `add_subparsers` returned them.
+        name: of the command.
+        does: in the list of commands, and where its own `--help` begins; small first letter, no full stop.
+    """
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}.")
+    return parser
+
+
 class _Once(argparse.Action):
     """Store a value; of two `--holdout` the first was left out, and nobody said so."""
 

@@ -1,4 +1,4 @@
-"""How far a run is, on the terminal."""
+"""What is told on stderr while a run goes on: lines, and how far it is."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ import sys
 
 QUIET_PERIOD = 2.0
 """Where output is not a terminal, a line this often [s of simulated time]."""
+
+
+def say_beside(text: str) -> None:
+    """Print a line on stderr, at once: stdout is for what a command answers."""
+    print(text, file=sys.stderr, flush=True)
 
 
 class Progress:

@@ -178,7 +178,7 @@ def copy_scenario(scenario: Scenario) -> Scenario:
 
 
 def _read(text: str, field: str) -> Any:
-    """Plain data from YAML; `field` is named where it is none."""
+    """Return plain data from YAML; `field` is named where it is none."""
     try:
         return yaml.load(text, _Loader)
     except yaml.YAMLError as error:
@@ -193,7 +193,7 @@ def _read(text: str, field: str) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Plain data of a scenario, also where it was made with NumPy's numbers."""
+    """Return plain data of a scenario, also where it was made with NumPy's numbers."""
     if dataclasses.is_dataclass(value):
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):

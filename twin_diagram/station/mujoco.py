@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
@@ -27,7 +28,7 @@ except ImportError as error:
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of this module, with their units and what set them."""
+    """Constants of this module, chosen by hand."""
 
     period: float = 1e-3
     """Of the drive [s]."""
@@ -38,18 +39,33 @@ class Tuning:
     bandwidth: float = 2.0 * np.pi * 4.0
     """Of the drive's position loop [rad/s]."""
 
+    damping: float = 1.6
+    """Of the position loop: twice its damping ratio; it hardly overshoots."""
+
+    corner: float = 60.0
+    """Of the low pass through which the drive differentiates [Hz]: above all that the arm does."""
+
     encoder: float = 2.0 * np.pi / 2**19
     """Resolution [rad]."""
+
+    torque_noise: float = 0.003
+    """White noise of a measured torque, as a share of the rated torque."""
+
+    rated: float = 300.0
+    """The rated torque of joints whose description names none, or a larger one [N·m]."""
+
+    noises: int = 16384
+    """Messages after which the noise repeats: sixteen seconds."""
 
 
 TUNING = Tuning()
 
 
-KEEP = 1.0 - np.exp(-2.0 * np.pi * 60.0 * TUNING.period)
-"""What a velocity filter with a corner of 60 Hz takes of each new difference."""
+KEEP: Final = 1.0 - np.exp(-2.0 * np.pi * TUNING.corner * TUNING.period)
+"""Share of each new difference that the drive's low pass takes."""
 
 
-DRAKE = "{http://drake.mit.edu}"
+DRAKE: Final = "{http://drake.mit.edu}"
 """The namespace of Drake's own tags in a URDF, as ElementTree writes it."""
 
 
@@ -95,7 +111,7 @@ def compile_robot(urdf: Path, secret: Secret) -> mujoco.MjModel:
 
 
 def rotor_inertias(urdf: Path) -> dict[str, float]:
-    """Reflected rotor inertias that a description states for Drake, by joint [kg·m²]."""
+    """Return reflected rotor inertias that a description states for Drake, by joint [kg·m²]."""
     result = {}
     for transmission in ET.parse(urdf).getroot().iter("transmission"):
         joint, actuator = transmission.find("joint"), transmission.find("actuator")
@@ -141,6 +157,16 @@ class MujocoArm(LeafSystem):
         later: Secret | None = None,
         change: float = np.inf,
     ) -> None:
+        """Start the robot at rest.
+
+        Args:
+            urdf: its description.
+            secret: what is true of it besides.
+            home: (n,) positions at the start [rad].
+            seed: of the torques' noise.
+            later: what holds in the place of `secret` from `change` on; None: nothing changes.
+            change: when it does [s].
+        """
         super().__init__()
         self._model = compile_robot(urdf, secret)
         self._data = mujoco.MjData(self._model)
@@ -156,11 +182,11 @@ class MujocoArm(LeafSystem):
         inertia = np.zeros((n, n))
         mujoco.mj_fullM(self._model, self._data, inertia)
         self.stiffness = np.diag(inertia) * TUNING.bandwidth**2
-        self.damping = 1.6 * np.diag(inertia) * TUNING.bandwidth
+        self.damping = TUNING.damping * np.diag(inertia) * TUNING.bandwidth
         efforts = _efforts(urdf)
         self._limit = np.array([efforts.get(name, np.inf) for name in self.joints])
         rng = np.random.default_rng([seed, 7])
-        self._noise = rng.normal(size=(16384, n)) * 0.003 * np.minimum(self._limit, 300.0)
+        self._noise = rng.normal(size=(TUNING.noises, n)) * TUNING.torque_noise * np.minimum(self._limit, TUNING.rated)
 
         # qpos, qvel, MuJoCo's warm start, encoder, velocity, torque as measured, command, the command's rate, time
         rest, counts = np.zeros(n), np.round(self._home / TUNING.encoder) * TUNING.encoder
@@ -238,6 +264,7 @@ class MujocoStation(Diagram):
         later: Secret | None = None,
         change: float = np.inf,
     ) -> None:
+        """Build the robot; arguments as of `MujocoArm`."""
         super().__init__()
         builder = DiagramBuilder()
         arm = builder.AddNamedSystem("arm", MujocoArm(urdf, secret, home, seed, later, change))

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from twin_diagram import scenario
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.learned import Segmenter
 from twin_diagram.scenario.file import check_scenario
+from twin_diagram.scenario.scenario import Scenario
 from twin_diagram.station import ports
 from twin_diagram.station.make_station import make_station
 from twin_diagram.twin.fused_sensors import sensors_of, silence
@@ -26,7 +26,7 @@ class ClosedLoop:
     """A station and the twin that watches and drives it; with a station of one's own `scenario.station` is `OWN`."""
 
     diagram: Diagram
-    scenario: scenario.Scenario
+    scenario: Scenario
     station: System
     twin: TwinDiagram
 
@@ -41,7 +41,7 @@ class ClosedLoop:
 
 
 def make_closed_loop(
-    plan: scenario.Scenario,
+    scenario: Scenario,
     add: Callable[[DiagramBuilder, System, TwinDiagram], None] | None = None,
     *,
     station: System | None = None,
@@ -52,7 +52,7 @@ def make_closed_loop(
     """Build the station that a scenario asks for and the twin, and connect each port to its namesake.
 
     Args:
-        plan: the scenario.
+        scenario: of the station and the twin.
         add: called with the builder, the station and the twin before the Diagram is built: adds visualisers, loggers.
         station: one's own, a driver for example, in the place of the one that the scenario asks for; its ports: see
             `own_systems`.
@@ -63,26 +63,33 @@ def make_closed_loop(
     Raises:
         TwinError: something that the scenario names does not exist or does not fit; the message names the field.
     """
-    check_scenario(plan)
+    check_scenario(scenario)
     builder = DiagramBuilder()
-    twin = make_twin(plan.twin, plan.packages, controller=controller, perception=perception, segmenter=segmenter)
+    twin = make_twin(
+        scenario.twin, scenario.packages, controller=controller, perception=perception, segmenter=segmenter
+    )
     if station is None:
-        station = make_station(plan)
+        station = make_station(scenario)
     else:
         check_station(station, twin.diagram, sensors_of(twin.fused))
-        plan = replace(plan, station=OWN)
+        scenario = replace(scenario, station=OWN)
     connect(builder, station, twin)
     if add is not None:
         add(builder, station, twin)
     diagram = builder.Build()
     diagram.set_name("twin_diagram")
-    return ClosedLoop(diagram, plan, station, twin)
+    return ClosedLoop(diagram, scenario, station, twin)
 
 
 def connect(builder: DiagramBuilder, station: System, twin: TwinDiagram) -> None:
     """Add a station and the twin to `builder` and connect namesakes; nothing of ``truth.*`` is connected.
 
     Sensors that the filter fuses and that the station does not have are silent.
+
+    Args:
+        builder: of the Diagram that is to hold both; they are named `station` and `twin` there.
+        station: with the ports of `station.ports`.
+        twin: as `make_twin` returns it.
     """
     builder.AddNamedSystem("station", station)
     builder.AddNamedSystem("twin", twin.diagram)

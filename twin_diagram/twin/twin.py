@@ -129,7 +129,7 @@ class TwinDiagram:
         return numbers.pop()
 
     def use_model(self, context: Context, number: int) -> None:
-        """Filter, monitors and planner go on with another model; 0 is the one that the twin was built with.
+        """Have filter, monitors and planner go on with another model; 0 is the one that the twin was built with.
 
         Where its encoders' offsets are others, all that is remembered as angles counts anew: the arm stays where it is.
         Systems that remember angles have a method `recount`, one's own may have one, too.

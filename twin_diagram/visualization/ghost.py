@@ -42,7 +42,7 @@ ARM_COLOUR: Final = Rgba(0.10, 0.45, 1.0, 0.25)
 
 
 def make_ghost(scene: TwinScene) -> None:
-    """Turn the twin's arm and objects translucent blue and hides its fixtures, which would cover the real ones.
+    """Turn the twin's arm and objects translucent blue, and hide its fixtures, which would cover the real ones.
 
     Only the illustration role changes. Meshes that bring their own colours (.obj with a material) lose them; other mesh
     formats keep theirs. Call before the Diagram is built, and not where there is no real scene to see.

@@ -62,7 +62,7 @@ class MeshcatScenes:
         self.meshcat.StartRecording(FRAME_RATE, False)
 
     def write_replay(self, path: str | Path) -> Path:
-        """End the recording and writes a page that plays it in any browser, without a network."""
+        """End the recording and write a page that plays it in any browser, without a network."""
         self.meshcat.StopRecording()
         self.meshcat.PublishRecording()
         return atomic_file.write(path, packed(self.meshcat.StaticHtml()))

@@ -20,8 +20,8 @@ from twin_diagram.gap.residuals.prepared_logs import (
     usable,
 )
 from twin_diagram.logs import Log, fingerprint
+from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.logs.differentiation import lowpass
-from twin_diagram.logs.straightening import straightened
 from twin_diagram.model.model import Model
 
 Array = npt.NDArray[np.float64]
@@ -209,22 +209,22 @@ def test_times_are_evened_out_where_that_makes_positions_smoother() -> None:
     even = log_of(2.0, 250.0)
     jitter = even.time + rng.uniform(-0.0012, 0.0012, len(even.time))
     stamped_late = replace(even, time=jitter)
-    found = straightened(stamped_late)
+    found = dejittered(stamped_late)
     assert found is not stamped_late
     np.testing.assert_allclose(found.time, even.time, atol=2e-4)
     moved = 0.2 + 0.3 * np.sin(2.0 * jitter[:, None] + np.arange(6.0))
     true_times = replace(even, time=jitter, position=moved)
-    assert straightened(true_times) is true_times
-    assert straightened(even) is even
+    assert dejittered(true_times) is true_times
+    assert dejittered(even) is even
     for count, evened in ((49, False), (50, True)):
         short = replace(
             stamped_late, time=jitter[:count], position=even.position[:count], torque=np.ones((count, 6)), velocity=None
         )
-        assert (straightened(short) is not short) == evened
+        assert (dejittered(short) is not short) == evened
     for late in (0.45, 0.56):  # none was lost, so also what is nearer to the next one's time is known by its number
         gap = jitter.copy()
         gap[250] = even.time[250] + late * 0.004
-        off = straightened(replace(stamped_late, time=gap))
+        off = dejittered(replace(stamped_late, time=gap))
         np.testing.assert_allclose(off.time, even.time, atol=2e-4)
 
 

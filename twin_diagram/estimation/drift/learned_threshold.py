@@ -28,7 +28,7 @@ TUNING = Tuning()
 
 
 def threshold(mean: Array | float, variance: Array | float, sigma: float, witnesses: Array | float) -> Array | float:
-    """μ + k (1 + 2/√N) σ.
+    """Return μ + k (1 + 2/√N) σ.
 
     Args:
         mean: μ as learnt.

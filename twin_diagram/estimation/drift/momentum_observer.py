@@ -125,7 +125,7 @@ class TorqueTest:
         self.size = 1 + (SIZE + breakaway.SIZE) * terms.n
 
     def begin(self, vector: Array) -> None:
-        """Another model is used: what the old one lacked says nothing now."""
+        """Forget what the model in use until now lacked: of another one it says nothing."""
         vector[:] = 0.0
 
     def follow(

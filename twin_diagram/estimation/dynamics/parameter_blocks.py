@@ -67,7 +67,8 @@ class ParameterBlock(ABC):
     covariance: Array
 
     @abstractmethod
-    def __init__(self, terms: ArmTerms, params: Filter) -> None: ...
+    def __init__(self, terms: ArmTerms, params: Filter) -> None:
+        """Work out the prior of an arm's parameters, by the filter's tuning."""
 
     @property
     def size(self) -> int:
@@ -85,7 +86,15 @@ class ParameterBlock(ABC):
 
     @abstractmethod
     def regressor(self, terms: ArmTerms, q: Array, v: Array, a: Array, tau: Array) -> Array:
-        """Return Y (n, p): what the motors must give, beyond the τ measured, per unit of each parameter."""
+        """Return Y (n, p): what the motors must give, beyond the τ measured, per unit of each parameter.
+
+        Args:
+            terms: the arm.
+            q: (n,) [rad].
+            v: (n,) [rad/s].
+            a: (n,) [rad/s²].
+            tau: (n,) motor torque as measured [N·m].
+        """
 
     @abstractmethod
     def clip(self, theta: Array) -> None:

@@ -31,7 +31,7 @@ def solve_positive(matrix: Array, right: Array) -> Array:
 
 
 def whiten(covariance: Array, vector: Array) -> Array:
-    """L⁻¹ vector (n,) or (n, k) with covariance = L Lᵀ (n, n): a vector of that covariance becomes white.
+    """Return L⁻¹ vector (n,) or (n, k) with covariance = L Lᵀ (n, n): a vector of that covariance becomes white.
 
     Raises:
         LinAlgError: the covariance is not positive definite.

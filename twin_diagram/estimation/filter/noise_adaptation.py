@@ -79,7 +79,7 @@ def _levels(core: Core, sensor: Sensor, track: Array | None) -> Array | None:
 
 
 def noise_now(core: Core, sensor: Sensor, track: Array | None, at: Linear, noise: Array | None) -> Array:
-    """R (m, m) as adapted: the sensor's own or that of this reading, and what its model adds."""
+    """Return R (m, m) as adapted: the sensor's own or that of this reading, and what its model adds."""
     base = sensor.noise(core.belief.x) if noise is None else noise
     levels = _levels(core, sensor, track)
     adapted = base if levels is None else scaled(base, levels)

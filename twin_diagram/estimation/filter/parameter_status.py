@@ -1,4 +1,4 @@
-"""How each learnt parameter stands: got home, not told by the motion, held at a bound, or in doubt under an alarm.
+"""How each learnt parameter stands: settled, not excited by the motion, held at a bound, or in doubt under an alarm.
 
 A filter that starts from parameters that are far off gets them right where the motion excites them. Where it does not,
 θ̂ stays near the prior and looks like any other number; this says which is which.

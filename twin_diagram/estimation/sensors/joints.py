@@ -12,6 +12,14 @@ class StateSensor(Sensor):
     """Reads some entries of the state directly, with white noise."""
 
     def __init__(self, name: str, entries: slice, size: int, std: Array | float) -> None:
+        """Make the sensor.
+
+        Args:
+            name: for messages and counters.
+            entries: of x that it reads.
+            size: how many they are.
+            std: standard deviation, one or (size,) [unit of the entries].
+        """
         super().__init__(name, size)
         self.entries = entries
         self._noise: Array = np.eye(size) * np.square(std)
@@ -34,6 +42,7 @@ class JointEncoder(StateSensor):
     """Joint positions [rad]; quantisation counts as white noise."""
 
     def __init__(self, n: int, std: float) -> None:
+        """Make the sensor of n joints; `std` of a position [rad]."""
         super().__init__("encoder", slice(0, n), n, std)
 
 
@@ -41,6 +50,7 @@ class JointVelocity(StateSensor):
     """Joint velocities as the drive estimates them [rad/s]."""
 
     def __init__(self, n: int, std: float) -> None:
+        """Make the sensor of n joints; `std` of a velocity [rad/s]."""
         super().__init__("velocity", slice(n, 2 * n), n, std)
 
 
@@ -48,4 +58,5 @@ class JointState(StateSensor):
     """Positions and velocities of one message together: what explains one of them must explain the other."""
 
     def __init__(self, n: int, position_std: float, velocity_std: float) -> None:
+        """Make the sensor of n joints; standard deviations of a position [rad] and of a velocity [rad/s]."""
         super().__init__("joints", slice(0, 2 * n), 2 * n, np.repeat([position_std, velocity_std], n))

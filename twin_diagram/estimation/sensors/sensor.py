@@ -100,6 +100,14 @@ class Sensor(ABC):
     def __init__(
         self, name: str, size: int, *, length: int | None = None, gate: float = TUNING.gate_probability
     ) -> None:
+        """Make the sensor.
+
+        Args:
+            name: for messages and counters.
+            size: m, degrees of freedom of a reading.
+            length: how many numbers a reading has; None: `size`.
+            gate: probability with which a good reading passes.
+        """
         self.name = name
         self.size = size
         self.length = size if length is None else length
@@ -123,7 +131,7 @@ class Sensor(ABC):
         return Linear(self.reading(now.x), self.jacobian(now.x), self.noise(now.x))
 
     def innovation(self, z: Array, reading: Array) -> Array:
-        """Return (m,) what z (length,) says beyond the reading expected."""
+        """Return (m,) what z (length,) says beyond the reading expected, h(x)."""
         return z - reading
 
     def sound(self, z: Array) -> bool:
@@ -131,7 +139,12 @@ class Sensor(ABC):
         return bool(np.all(np.abs(z) < TUNING.absurd))  # NaN compares false
 
     def declare(self, own: slice, payload: slice | None) -> None:
-        """Keep where in x a filter has its own states, and the payload's mass and moment; None: not learnt."""
+        """Keep where in the filter's x things lie.
+
+        Args:
+            own: the sensor's own states.
+            payload: mass and first moment of what the last link carries; None: they are not learnt.
+        """
         self.own = own
 
     # A sensor's own states.

@@ -54,7 +54,7 @@ def _straight(terms: Terms, j: int, angle: Array) -> Candidate | None:
 
 
 def _curves(terms: Terms, j: int) -> Iterator[Candidate | None]:
-    """Splines of the angle, over the range that the joint has gone through."""
+    """Return splines of the angle, over the range that the joint has gone through."""
     everything = np.concatenate([terms.records.angles(r)[:, j] for r in terms.records.records])
     low, high = float(everything.min()), float(everything.max())
     least = TUNING.least_piece * float(levers(terms.records)[j])

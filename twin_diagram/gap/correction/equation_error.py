@@ -44,7 +44,8 @@ class Tuning:
     """Times that the noise's level and colour are looked at again."""
 
     factors: tuple[float, ...] = (0.6, 0.7, 0.8, 0.88, 0.94, 1.06, 1.13, 1.25, 1.45, 1.7)
-    """By which a rough value of `SCANNED` is multiplied in a first scan: denser near 1, where most are."""
+    """By which a rough value of a record's `scanned` parameter is multiplied in a first scan: denser near 1, where
+    most are."""
 
 
 TUNING = Tuning()

@@ -141,7 +141,7 @@ def design(text: str, seen: Visited, moved: Sequence[str]) -> Experiment | None:
 
 
 def static_poses(seen: Visited, chosen: Sequence[int]) -> Array:
-    """Visited poses far from one another, each held twice: reached from above and from below."""
+    """Return visited poses far from one another, each held twice: reached from above and from below."""
     step = 0.05 * (seen.upper - seen.lower)
     path = [_middle(seen)]
     for pose in spread_poses(seen.poses, 12):
@@ -197,7 +197,7 @@ def speed_steps(seen: Visited, chosen: Sequence[int]) -> Array:
 
 
 def fast_sines(seen: Visited, chosen: Sequence[int]) -> Array:
-    """Small sines of 1 to 4 Hz about one pose, as hard as the arm was seen to accelerate."""
+    """Return small sines of 1 to 4 Hz about one pose, as hard as the arm was seen to accelerate."""
     middle = _middle(seen)
     parts = [middle[None]]
     time = np.arange(0.0, 4.0, TUNING.period, dtype=np.float64)

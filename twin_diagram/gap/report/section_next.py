@@ -69,7 +69,7 @@ def effects_text(model: Model) -> list[str]:
 
 
 def onward(subject: Subject) -> str:
-    """Near pairs, and the motions that would part them."""
+    """Return near pairs, and the motions that would part them."""
     near = subject.verdict.separation
     given = subject.given
     rows = "".join(_near(pair, asked(pair, given.joints, given.prismatic)) for pair in near[:8])

@@ -17,9 +17,9 @@ import numpy.typing as npt
 from twin_diagram.errors import LogError, expect
 from twin_diagram.gap.residuals.log_noise import noise_above, roughness, shaken, trusted_band
 from twin_diagram.logs import Log, fingerprint, uniform
+from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.differentiation import inner, lowpass, motion
-from twin_diagram.logs.straightening import straightened
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
@@ -255,7 +255,7 @@ def prepare(model: Model, logs: Sequence[Log]) -> Records:
         expect(log, Log, "logs", "a list of Logs (as read_log returns each)")
     if not logs:
         raise LogError("no log to fit: give at least one")
-    regular = [uniform(straightened(log)) for log in logs]
+    regular = [uniform(dejittered(log)) for log in logs]
     rate = min(1.0 / log.period for log in regular)
     band = min(TUNING.band, 0.2 * rate, *(trusted_band(model, log) for log in regular))
     kept = zip(regular, strides(regular, band), strict=True)

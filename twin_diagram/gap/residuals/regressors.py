@@ -97,7 +97,7 @@ class Terms:
         return tuple(self._turned(record) for record in self.records.records)
 
     def resting(self, j: int) -> float:
-        """Speed below which a joint may be sticking, as far as its velocity is known [rad/s]."""
+        """Return the speed below which a joint may be sticking, as far as its velocity is known [rad/s]."""
         return max(TUNING.rest * float(levers(self.records)[j]), 2.0 * float(self.slow[j]))
 
     def _turned(self, record: Record) -> Array:
@@ -156,7 +156,7 @@ class Terms:
         return float(spread_of(left)[0])
 
     def reduce(self, parts: tuple[Array, ...]) -> Array:
-        """Full-rate arrays, one per record, thinned and put end to end."""
+        """Return full-rate arrays, one per record, thinned and put end to end."""
         return np.concatenate([record.reduce(part) for record, part in zip(self.records.records, parts, strict=True)])
 
     @cached_property

@@ -103,7 +103,7 @@ def climb(
     propose: Propose | None = None,
     polish: Polish | None = None,
 ) -> HypothesisFit:
-    """Add, drops and swaps members until nothing raises the evidence."""
+    """Add, drop and swap members until nothing raises the evidence."""
     fit = bench.solve(start)
     if polish is not None:
         fit = polish(bench, fit)

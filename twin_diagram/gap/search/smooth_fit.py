@@ -68,7 +68,7 @@ def project(X: Array, y: Array, negligible: float) -> tuple[Array, int]:
 
 
 def at_full_rate(records: Records, thinned: Array) -> tuple[Array, ...]:
-    """Thinned signals (ΣD, n), band-limited, at every record's own rate; constant beyond the ends."""
+    """Return thinned signals (ΣD, n), band-limited, at every record's own rate; constant beyond the ends."""
     result = []
     starts = np.concatenate([[0], np.cumsum(records.lengths)]).astype(int)
     for record, first, last in zip(records.records, starts[:-1], starts[1:], strict=True):

@@ -92,7 +92,7 @@ def said(key: str, prismatic: bool) -> str:
 
 
 def condition(records: Records, terms: Terms, whitener: Whitener, j: int, y: Array, weights: Array) -> str:
-    """Key of `CONDITIONS` that tells most about a joint's whitened residual."""
+    """Return the key of `CONDITIONS` that tells most about a joint's whitened residual."""
     gains = {}
     for key, columns in _shapes(records, terms, j).items():
         X = whitener.joint(j, columns) * weights[:, None]

@@ -108,7 +108,7 @@ def _axis(joint: Joint) -> Array:
 
 
 def _springs(plant: MultibodyPlant, order: dict[int, int]) -> tuple[Array, Array]:
-    """Stiffness and rest position per joint, of all the springs that the description puts on it."""
+    """Return stiffness and rest position per joint, of all the springs that the description puts on it."""
     stiffness, moment = np.zeros(len(order)), np.zeros(len(order))
     for k in range(plant.num_force_elements()):
         spring = plant.get_force_element(ForceElementIndex(k))

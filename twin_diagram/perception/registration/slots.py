@@ -31,7 +31,7 @@ class Tuning:
     """A velocity is believed for this long [s]."""
 
     changes: tuple[float, ...] = (0.2, 0.03)
-    """How far a moving object goes from one image to the next [rad], [m]: `tracking.MOVING`."""
+    """How far a moving object goes from one image to the next [rad], [m]: `where_expected.MOVING`."""
 
     rests: tuple[float, ...] = (0.1, 0.012)
     """Slower than this is standing still [rad/s], [m/s]."""

@@ -21,7 +21,7 @@ Labels = npt.NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of the cuts, chosen by hand on ray-cast scenes and one real Kinect image (`learn5`).
+    """Constants of the cuts, chosen by hand on ray-cast scenes and one real Kinect image (mOSD's `learn/learn5`).
 
     `sims/benchmarks/kinect_tabletop.py` shows them on more real images, `tests/perception/segmentation/test_parting.py`
     on ray-cast stacks.

@@ -23,7 +23,7 @@ Noise = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Tuning:
-    """Constants of the search for planes, chosen by hand on ray-cast scenes and one real Kinect image (`learn5`).
+    """Constants of the search for planes, chosen by hand on ray-cast scenes and one real image (mOSD's `learn/learn5`).
 
     `tests/perception/segmentation/test_planes.py` shows what is found, `sims/benchmarks/kinect_tabletop.py` on more
     real images.

@@ -75,7 +75,7 @@ VIEWS: Final = 2
 _VIEW: Final = 1 + PLACES * 6
 """Time, then places and their normals; zeros where there is none."""
 FLOW_SIZE: Final = VIEWS * _VIEW
-"""Packed `Views`."""
+"""Numbers of `VIEWS` images: what `flow` remembers of a thing."""
 
 
 @dataclass(frozen=True)

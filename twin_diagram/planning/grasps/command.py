@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin_diagram.runtime.command_parser import add_command
+
 if TYPE_CHECKING:
     from twin_diagram.planning.grasps.gripper import Gripper
     from twin_diagram.planning.grasps.known_object import KnownObject
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 
 def add_grasps_command(commands: Any) -> None:
     """Add the command that proposes grasps of an object."""
-    grasps = commands.add_parser("grasps", help="propose and rank grasps of an asset or a mesh: table, JSON, a page")
+    grasps = add_command(commands, "grasps", "propose and rank grasps of an asset or a mesh: table, JSON, a page")
     grasps.add_argument(
         "source",
         type=Path,

@@ -126,7 +126,13 @@ class GraspProposer(Protocol):
     """
 
     def propose(self, points: Array, normals: Array, gripper: Gripper) -> Grasps:
-        """Return grasps X_OG for a cloud (N, 3) in O with outward normals; scores are its own."""
+        """Return grasps X_OG of an object; scores are the proposer's own.
+
+        Args:
+            points: (N, 3) in O, in random order [m].
+            normals: (N, 3) outward, of length 1.
+            gripper: what is to hold it.
+        """
         ...
 
 

@@ -52,7 +52,7 @@ def search(
 
 @compiled
 def _error(X_WL: Array, X_LT: Array, X_WG: Array, error: Array) -> Array:
-    """Fill in what turns and moves the tool into its goal, (6,); returns where the tool is, (3,)."""
+    """Fill in what turns and moves the tool into its goal, (6,); return where the tool is, (3,)."""
     X_WT, turn = np.zeros((3, 4)), np.zeros((3, 3))
     for i in range(3):
         for j in range(4):

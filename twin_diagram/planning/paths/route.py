@@ -51,7 +51,7 @@ class Route:
 
     @staticmethod
     def none(n: int) -> Route:
-        """Nowhere to go."""
+        """Return the route of an arm that has nowhere to go."""
         return Route(Aim.NOTHING, np.zeros((0, n)))
 
 
@@ -360,7 +360,7 @@ class Router:
         return None if found is None else found[1:]
 
     def _aside(self, route: Route, now: Situation, margins: Array, rng: np.random.Generator) -> Route:
-        """Stay where that is safe, else goes where it is."""
+        """Stay where that is safe, else go where it is."""
         n = len(now.q)
         if self.ends_free(now, now.q[None], margins)[0]:
             return Route.none(n)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping
 from pathlib import Path
+
+from twin_diagram.runtime.progress import say_beside
 
 
 def add_fleet_options(gap: argparse.ArgumentParser) -> None:
@@ -69,12 +70,9 @@ def run(arguments: argparse.Namespace, packages: Mapping[str, str | Path]) -> in
     for name, values in (("--packages", told), ("--import", arguments.imported)):
         options += [part for value in values for part in (name, value)]
 
-    def say(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
     asked = {name: getattr(arguments, name) for name in ("jobs", "timeout", "dask")}
     given = {name: value for name, value in asked.items() if value is not None}
-    lines = run_fleet(arguments.fleet, arguments.out, options=tuple(options), say=say, **given)
+    lines = run_fleet(arguments.fleet, arguments.out, options=tuple(options), say=say_beside, **given)
     bad = sum(line.verdict in ("failed", "timeout") for line in lines)
     print(f"{len(lines)} visits, {bad} without an answer; see {arguments.out / 'fleet.html'}")
     return 0

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
+
+from twin_diagram.runtime.command_parser import add_command
+from twin_diagram.runtime.progress import say_beside
 
 
 def add_learn_command(commands: Any) -> None:
     """Add the command that empties a bin and learns what lies in it."""
-    learn = commands.add_parser(
-        "learn", help="take objects from a bin, show and weigh them, and write an asset of each"
-    )
+    learn = add_command(commands, "learn", "take objects from a bin, show and weigh them, and write an asset of each")
     learn.add_argument("scenario", help="a YAML file, or the name of a scenario that comes along, e.g. bin_picking")
     learn.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the run")
     mode = learn.add_mutually_exclusive_group()
@@ -30,14 +30,11 @@ def _learn(arguments: argparse.Namespace) -> int:
     require_packages(*RUN)
     from twin_diagram.runs.learning.start import learn, learn_again
 
-    def say(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
     if arguments.again:
-        state = learn_again(scenario, arguments.out, arguments.again, say)
+        state = learn_again(scenario, arguments.out, arguments.again, say_beside)
     else:
         require_egl()
-        state = learn(scenario, arguments.out, resume=arguments.resume, say=say)
+        state = learn(scenario, arguments.out, resume=arguments.resume, say=say_beside)
     for one in state.learned:
         print(f"{one.name}: {one.state}{f' ({one.told})' if one.told else ''}")
     print(f"see {arguments.out / 'gallery.html'}")

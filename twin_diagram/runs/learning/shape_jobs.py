@@ -61,7 +61,7 @@ class ShapeJobs:
 
     @property
     def pending(self) -> list[str]:
-        """Names of what is under way or waits."""
+        """Return the names of what is under way or waits."""
         now = [self._running.name] if self._running else []
         return now + [name for name, _ in self._waiting]
 

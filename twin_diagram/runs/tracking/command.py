@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
+
+from twin_diagram.runtime.command_parser import add_command
+from twin_diagram.runtime.progress import say_beside
 
 
 def add_track_command(commands: Any) -> None:
     """Add the command that tracks objects through a folder of frames."""
-    track = commands.add_parser("track", help="follow a library's objects through a folder of RGB-D frames")
+    track = add_command(commands, "track", "follow a library's objects through a folder of RGB-D frames")
     track.add_argument("--library", required=True, type=Path, metavar="L", help="the folder of assets")
     track.add_argument("--frames", required=True, type=Path, metavar="F", help="a BOP scene folder")
     track.add_argument(
@@ -30,14 +32,11 @@ def add_track_command(commands: Any) -> None:
 def _track(arguments: argparse.Namespace) -> int:
     from twin_diagram.runs.tracking.track_frames import track_frames
 
-    def say(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
     segmenter = None
     if arguments.segmenter is not None:
         from twin_diagram.perception.segmentation.learned import OnnxSegmenter
 
         segmenter = OnnxSegmenter(arguments.segmenter)
     places = arguments.library, arguments.frames, arguments.out, arguments.init
-    track_frames(*places, arguments.seed, say, arguments.grow, segmenter)
+    track_frames(*places, arguments.seed, say_beside, arguments.grow, segmenter)
     return 0

@@ -122,7 +122,7 @@ def read_table(path: Path, names: Sequence[str], cut: bool = False) -> Array:
 
 
 def newest(delivery: Array, time: float) -> int:
-    """Index of the newest entry that stands on the ports at `time`; -1 before the first.
+    """Return the index of the newest entry that stands on the ports at `time`; -1 before the first.
 
     What is delivered at a time is seen by events after it, not by those at the same time, as it was while it was
     recorded.
@@ -299,7 +299,7 @@ def read_log(
     of positions.
 
     Args:
-        path: CSV or .npz.
+        path: CSV, .npz, a ROS bag or an LCM log.
         joints: of the twin's arm, all of which must be in it; n is their number.
         revolute: (n,) which of them turn.
         columns: what a foreign log's columns mean, as `twin_diagram.logs.read_log` takes it; empty: nothing to say.

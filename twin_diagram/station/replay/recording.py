@@ -239,7 +239,7 @@ class RecordingWriter:
             file.close()
 
     def __enter__(self) -> RecordingWriter:
-        """Itself."""
+        """Return itself."""
         return self
 
     def __exit__(

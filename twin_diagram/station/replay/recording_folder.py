@@ -9,8 +9,7 @@ A recording is a folder:
 - ``sensor_<k>.csv``: readings of the k-th further sensor of the manifest, with measurement and delivery times;
 - ``<lidar>.lidar/``: ``scan_<k>.npz`` (ranges, to the bit) and ``scans.csv`` (capture and delivery times);
 - ``<camera>/``: ``rgb_<k>.png``, ``depth_<k>.png`` (16 bit, in depth units) and ``frames.csv`` (capture and delivery
-times).
-
+times);
 - ``recording_files.txt``: the names of all these, by which the next recording there removes them and nothing else.
 
 It grows in ``unfinished/`` in its folder, line by line, and moves up once it is whole. Where the process was killed, it

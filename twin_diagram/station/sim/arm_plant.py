@@ -60,7 +60,7 @@ class ArmPlant:
 
 
 def driver_gains(driver: Driver, effort_limits: Array) -> tuple[Array, Array]:
-    """Stiffness [N·m/rad] and damping [N·m·s/rad] of the arm's own controller.
+    """Return stiffness [N·m/rad] and damping [N·m·s/rad] of the arm's own controller.
 
     Where the scenario gives none: 600 for the first four joints and 250 for the rest, which suit joints of 87 and
     12 N·m, scaled to this arm's limits; damping twice the square root of stiffness.

@@ -227,7 +227,7 @@ class LidarSystem(LeafSystem):
         output[0] = context.get_discrete_state(self._shown).value()[-1]
 
 
-def add_lidar(builder: DiagramBuilder, world: WorldPlant, plan: Scenario) -> dict[str, int]:
+def add_lidar(builder: DiagramBuilder, world: WorldPlant, scenario: Scenario) -> dict[str, int]:
     """Add ``twin.lidar`` to a station, where there is one, and export its ports.
 
     Returns:
@@ -236,11 +236,13 @@ def add_lidar(builder: DiagramBuilder, world: WorldPlant, plan: Scenario) -> dic
     Raises:
         ScenarioError: it cannot be built, or another port has its name.
     """
-    lidar = plan.twin.lidar
+    lidar = scenario.twin.lidar
     if lidar is None:
         return {}
     name = ports.lidar(lidar.name)
-    system = builder.AddNamedSystem(name, LidarSystem(lidar, plan.world.lidar_defects, world_solids(world), plan.seed))
+    system = builder.AddNamedSystem(
+        name, LidarSystem(lidar, scenario.world.lidar_defects, world_solids(world), scenario.seed)
+    )
     builder.Connect(world.plant.get_body_poses_output_port(), system.get_input_port())
     builder.ExportOutput(system.GetOutputPort("ranges"), name)
     builder.ExportOutput(system.GetOutputPort("scan_time"), ports.time_of(name))

@@ -50,7 +50,7 @@ class Load:
 
 
 def specific_force(omega: Array, alpha: Array, a: Array, p: Array, gravity: Array) -> Array:
-    """Acceleration less gravity of a point fixed to a body (3,) [m/s²]; all in one frame.
+    """Return the acceleration less gravity of a point fixed to a body (3,) [m/s²]; all in one frame.
 
     Args:
         omega: angular velocity [rad/s].
@@ -113,7 +113,7 @@ class LinkSensorSystem(LeafSystem):
         plant: MultibodyPlant,
         arm: ArmPlant,
         place: int,
-        plan: Scenario,
+        scenario: Scenario,
     ) -> None:
         """Build the sensor.
 
@@ -123,7 +123,7 @@ class LinkSensorSystem(LeafSystem):
             plant: the world's, finalized.
             arm: in it.
             place: of the sensor among all, for its noise.
-            plan: the scenario; its seed, and its description of the arm.
+            scenario: its seed, and its description of the arm.
 
         Raises:
             ScenarioError: no such kind or body, or a number that makes no sense.
@@ -138,7 +138,7 @@ class LinkSensorSystem(LeafSystem):
         links = [plant.get_body(k) for instance in arm.arm.instances for k in plant.GetBodyIndices(instance)]
         self._noise, self._bias = _checked(defects, sensor.kind, ports.of_sensor(sensor, last_link))
         self._missing = [tuple(span) for span in defects.missing]
-        self._kind, self._rate, self._seed, self._place = sensor.kind, sensor.rate, plan.seed, place
+        self._kind, self._rate, self._seed, self._place = sensor.kind, sensor.rate, scenario.seed, place
         named = [int(link.index()) for link in links if link.name() == sensor.body]
         if sensor.body and not named:
             raise ScenarioError(f"{field}.body", f"the world's arm has no link {sensor.body!r}")
@@ -152,7 +152,7 @@ class LinkSensorSystem(LeafSystem):
         self._joint = [int(index) for index in plant.GetJointIndices()].index(int(joint.index()))
         X_CJ = joint.frame_on_child().GetFixedPoseInBodyFrame()
         self._R_CJ, self._p_CJ = X_CJ.rotation().matrix(), X_CJ.translation()
-        self._loads = _loads(plant, arm, plan) if sensor.kind == "wrench" else []
+        self._loads = _loads(plant, arm, scenario) if sensor.kind == "wrench" else []
         self._poses = self.DeclareAbstractInputPort("body_poses", Value([RigidTransform()]))
         self._velocities = self.DeclareAbstractInputPort("body_velocities", Value([SpatialVelocity()]))
         self._accelerations = self.DeclareAbstractInputPort("body_accelerations", Value([SpatialAcceleration()]))
@@ -216,7 +216,9 @@ class LinkSensorSystem(LeafSystem):
         return np.concatenate([R_WS.T @ moment, R_WS.T @ force])
 
 
-def add_link_sensors(builder: DiagramBuilder, plant: MultibodyPlant, arm: ArmPlant, plan: Scenario) -> dict[str, int]:
+def add_link_sensors(
+    builder: DiagramBuilder, plant: MultibodyPlant, arm: ArmPlant, scenario: Scenario
+) -> dict[str, int]:
     """Add the sensors of ``twin.sensors`` to a station and export their ports.
 
     Returns:
@@ -226,12 +228,12 @@ def add_link_sensors(builder: DiagramBuilder, plant: MultibodyPlant, arm: ArmPla
         ScenarioError: a sensor cannot be built, two are alike, or defects are of a sensor that there is not.
     """
     found: dict[str, int] = {}
-    for place, sensor in enumerate(plan.twin.sensors):
+    for place, sensor in enumerate(scenario.twin.sensors):
         name = ports.of_sensor(sensor, plant.get_body(arm.arm.last_link).name())
         if name in found:
             raise ScenarioError(f"twin.sensors[{place}]", f"there is a port {name} already")
-        defects = plan.world.sensor_defects.get(name, SensorDefects())
-        system = builder.AddNamedSystem(name, LinkSensorSystem(sensor, defects, plant, arm, place, plan))
+        defects = scenario.world.sensor_defects.get(name, SensorDefects())
+        system = builder.AddNamedSystem(name, LinkSensorSystem(sensor, defects, plant, arm, place, scenario))
         builder.Connect(plant.get_body_poses_output_port(), system.GetInputPort("body_poses"))
         builder.Connect(plant.get_body_spatial_velocities_output_port(), system.GetInputPort("body_velocities"))
         builder.Connect(plant.get_body_spatial_accelerations_output_port(), system.GetInputPort("body_accelerations"))
@@ -239,7 +241,7 @@ def add_link_sensors(builder: DiagramBuilder, plant: MultibodyPlant, arm: ArmPla
         builder.ExportOutput(system.GetOutputPort("reading"), name)
         builder.ExportOutput(system.GetOutputPort("time"), ports.time_of(name))
         found |= {name: SIZE, ports.time_of(name): 1}
-    for name in plan.world.sensor_defects:
+    for name in scenario.world.sensor_defects:
         if name not in found:
             raise ScenarioError("world.sensor_defects", f"{name!r} is no sensor of twin.sensors: {sorted(found)}")
     return found
@@ -259,11 +261,11 @@ def _checked(defects: SensorDefects, kind: str, name: str) -> tuple[Array, Array
     return np.repeat(np.array(noise, dtype=float), 3), np.array(bias, dtype=float)
 
 
-def _loads(plant: MultibodyPlant, arm: ArmPlant, plan: Scenario) -> list[Load]:
+def _loads(plant: MultibodyPlant, arm: ArmPlant, scenario: Scenario) -> list[Load]:
     """Return all bodies beyond the last arm joint, as the twin's description has them."""
     told = MultibodyPlant(0.0)
     try:
-        placed = description.add_arm(told, plan.twin.arm, plan.packages)
+        placed = description.add_arm(told, scenario.twin.arm, scenario.packages)
     except ModelError as error:
         raise description.scenario_error("twin.arm", error) from error
     told.Finalize()

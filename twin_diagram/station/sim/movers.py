@@ -60,7 +60,7 @@ class Path:
     """
 
     def __init__(self, waypoints: Sequence[WayPoint], field: str) -> None:
-        """Check the way points and lays the curve.
+        """Check the way points and lay the curve.
 
         Args:
             waypoints: at least one, times strictly increasing.

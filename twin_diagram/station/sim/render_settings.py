@@ -32,7 +32,7 @@ def clipping(camera: Camera) -> ClippingRange:
 
 
 def lights() -> list[LightParameter]:
-    """Daylight from above, softer from two sides: every face that a camera sees is lit and keeps its colour."""
+    """Return daylight from above, softer from two sides: every face that a camera sees is lit and keeps its colour."""
 
     def sun(direction: list[float], intensity: float) -> LightParameter:
         return LightParameter(

@@ -148,7 +148,7 @@ class Healer:
         return records
 
     def _gather(self, alarms: list[dict[str, Any]], now: float) -> None:
-        """Wait until the log since the alarm is long enough, and starts the search.
+        """Wait until the log since the alarm is long enough, and start the search.
 
         An alarm that grows, or is followed by a much stronger one, is about something that only happens now: the log
         before that would tell of two robots.

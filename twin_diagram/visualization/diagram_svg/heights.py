@@ -195,7 +195,7 @@ class Heights:
                         item.y = y
 
     def _straighten(self, c: int) -> None:
-        """Nudges a column's items by a few pixels where that makes more of their wires straight."""
+        """Nudge a column's items by a few pixels where that makes more of their wires straight."""
         stack = self.stacks[c]
         for k, item in enumerate(stack):
             moves = []
@@ -237,7 +237,7 @@ class Heights:
         _stack(stack, [goals[id(item)] for item in stack])
 
     def _cost(self) -> float:
-        """Crossings, then length."""
+        """Return the cost: of crossings, then of length."""
         cost = 0.0
         for steps in self.steps:
             pairs = []
@@ -255,7 +255,7 @@ class Heights:
         return cost
 
     def _place_bottom_lanes(self) -> float:
-        """Lanes below everything: those that pass by above those that run back. Returns the lowest height."""
+        """Place lanes below everything: those that pass by above those that run back; return the lowest height."""
         floor = max(item.y + item.height for stack in self.stacks for item in stack) + FRAME
 
         def outermost(net: Net) -> tuple[bool, int, float]:

@@ -169,6 +169,6 @@ def _block_width(block: Block) -> float:
 
 @lru_cache(maxsize=1024)
 def _text_width(text: str, bold: bool = False) -> float:
-    """Width of a text [px], measured with the font that matplotlib brings along."""
+    """Return the width of a text [px], measured with the font that matplotlib brings along."""
     font = FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")
     return float(TextPath((0, 0), text, size=FONT_SIZE, prop=font).get_extents().width)

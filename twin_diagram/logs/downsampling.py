@@ -1,4 +1,4 @@
-"""Brings long and fast logs to a rate that tells all that an arm does, so that ten minutes at 5 kHz fit in memory."""
+"""Downsamples long and fast logs to a rate that tells all that an arm does: ten minutes at 5 kHz fit in memory."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-def eased(log: Log) -> Log:
+def downsampled(log: Log) -> Log:
     """Return a log that is long and fast at some 1 kHz, low-passed without phase; any other as it is.
 
     Args:

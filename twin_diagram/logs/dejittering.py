@@ -1,4 +1,4 @@
-"""Brings late stamps back to the even times that they belong to, also where samples were lost on the way."""
+"""Takes the jitter out of stamps: late ones go back to the even times that they belong to, also across lost samples."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Tuning:
 TUNING = Tuning()
 
 
-def straightened(log: Log) -> Log:
+def dejittered(log: Log) -> Log:
     """Return the log with evenly spread times, where its positions are smoother that way.
 
     Times that jitter are either when the samples were taken, or late stamps on even ones; the wrong reading makes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin_diagram.logs import Log
-from twin_diagram.logs.straightening import even_times, straightened
+from twin_diagram.logs.dejittering import dejittered, even_times
 
 
 @pytest.mark.parametrize("seconds", [2.0, 90.0])
@@ -33,7 +33,7 @@ def test_positions_say_whether_stamps_are_late() -> None:
     for true, straight in ((even, True), (late, False)):
         position = np.sin(2.0 * true)[:, None]
         log = Log(late, ("a",), position, torque=position)
-        assert (straightened(log) is not log) == straight
+        assert (dejittered(log) is not log) == straight
 
 
 def test_stamps_that_are_later_than_the_next_ones_time_are_counted() -> None:
@@ -42,7 +42,7 @@ def test_stamps_that_are_later_than_the_next_ones_time_are_counted() -> None:
     even = 0.008 * np.arange(1500)
     late = np.sort(even + 0.0025 * rng.normal(size=1500))
     position = np.sin(2.0 * even)[:, None]
-    found = straightened(Log(late, ("a",), position, torque=position))
+    found = dejittered(Log(late, ("a",), position, torque=position))
     np.testing.assert_allclose(found.time, even, atol=5e-4)
 
 
@@ -52,5 +52,5 @@ def test_a_pause_of_the_log_is_not_spread_over_all_its_stamps() -> None:
     even = np.concatenate([0.004 * np.arange(750), 4.0 + 0.004 * np.arange(750)])
     late = even + rng.uniform(-0.001, 0.001, len(even))
     position = np.sin(2.0 * np.minimum(even, 3.0) + 2.0 * np.maximum(even - 4.0, 0.0))[:, None]
-    found = straightened(Log(late, ("a",), position, torque=position))
+    found = dejittered(Log(late, ("a",), position, torque=position))
     np.testing.assert_allclose(found.time, even, atol=5e-4)
