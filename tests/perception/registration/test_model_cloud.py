@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from twin_diagram.assets import Asset, symmetry
-from twin_diagram.perception.registration.model_cloud import ModelCloud, other_poses, visible
+from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, other_poses, visible
 from twin_diagram.perception.registration.point_kernels import UNPAINTED
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.rotation import exp
@@ -119,6 +119,17 @@ def test_each_direction_has_the_points_that_are_seen_from_there() -> None:
         if abs(up) > 0.15:
             assert count == 100 and (cloud.normals[cloud.views[k]][:, 2] * up > 0.0).all()
     assert ((cloud.view_counts == 0) == (np.abs(cloud.directions[:, 2]) <= 0.1)).all()
+
+
+def test_directions_are_spread_evenly_from_pole_to_pole() -> None:
+    found = fibonacci_sphere(200)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
+    np.testing.assert_allclose(found[:, 2], 1.0 - (2.0 * np.arange(200) + 1.0) / 200.0)
+    apart = np.sort(found @ found.T, axis=1)[:, -2]
+    nearest = np.degrees(np.arccos(apart))
+    assert 11.0 < nearest.min() and nearest.max() < 15.0  # 14.4° were 200 on a lattice of equal areas
+    turn = np.diff(np.unwrap(np.arctan2(found[:, 1], found[:, 0])))
+    np.testing.assert_allclose(np.abs(turn), np.pi * (3.0 - np.sqrt(5.0)), atol=1e-9)
 
 
 # What hides what.

@@ -25,7 +25,7 @@ from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import search
 from twin_diagram.perception.registration.hues import alike, hues
-from twin_diagram.perception.registration.model_cloud import ModelCloud, visible
+from twin_diagram.perception.registration.model_cloud import ModelCloud, fibonacci_sphere, visible
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.recognition import recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, register
@@ -38,7 +38,6 @@ from twin_diagram.perception.registration.view import Known
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.scenario.resources import models_dir
-from twin_diagram.signals.directions import fibonacci_sphere
 from twin_diagram.signals.layouts import PoseMeasurement
 
 Array = npt.NDArray[np.float64]

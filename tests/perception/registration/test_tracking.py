@@ -17,13 +17,13 @@ from twin_diagram.perception.registration.colour_shift import ALIGNED
 from twin_diagram.perception.registration.frame import Frame, blur_within
 from twin_diagram.perception.registration.global_search import Found
 from twin_diagram.perception.registration.hues import hues
+from twin_diagram.perception.registration.model_cloud import fibonacci_sphere
 from twin_diagram.perception.registration.recognition import recognise
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.residuals import tukey
 from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.slots import Slot, measurement, postponed, predict, seen, stands_still
 from twin_diagram.perception.registration.where_expected import believable
-from twin_diagram.signals.directions import fibonacci_sphere
 
 Array = npt.NDArray[np.float64]
 PARAMS = scenario.Registration()

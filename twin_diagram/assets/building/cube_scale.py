@@ -48,9 +48,11 @@ class Tuning:
     """Then what is no farther from the plane than this times the quarter that is nearest to it is the support's: five
     standard deviations. In no unit, as the scene has none yet."""
 
-    unequal: float = 0.4
-    """By how much its edges may differ, as a share; more is no cube. Views that do not agree yet smear its faces;
-    `cube_faces` is stricter, once they do."""
+    unequal: float = 0.08
+    """By how much its edges may differ, as a share; more is no cube, …"""
+
+    roughly: float = 0.4
+    """… but of views that do not agree yet, whose faces are smeared."""
 
 
 TUNING = Tuning()
@@ -79,10 +81,8 @@ def is_green(rgb: Array) -> npt.NDArray[np.bool_]:
     return np.asarray((hue > low) & (hue < high) & (saturation > TUNING.saturation) & (value > TUNING.value))
 
 
-def rough_cubes(points: Array, colours: Array, plane: Array, where: str) -> list[Cube]:
-    """Return the green things on a plane that may be the cube, as far as views tell that do not agree yet.
-
-    The largest thing comes first.
+def measure_cube(points: Array, colours: Array, plane: Array, where: str) -> Cube:
+    """Return the green cube that stands on a plane; other green things may be there, too.
 
     Args:
         points: (N, 3) of the scene, in any unit.
@@ -93,6 +93,19 @@ def rough_cubes(points: Array, colours: Array, plane: Array, where: str) -> list
     Raises:
         FramesError: there is no green cube.
     """
+    return _cubes(points, colours, plane, where, TUNING.unequal)[0]
+
+
+def rough_cubes(points: Array, colours: Array, plane: Array, where: str) -> list[Cube]:
+    """Return what may be the green cube, as far as views tell that do not agree yet; the largest thing first.
+
+    Args and errors as of `measure_cube`.
+    """
+    return _cubes(points, colours, plane, where, TUNING.roughly)
+
+
+def _cubes(points: Array, colours: Array, plane: Array, where: str, unequal: float) -> list[Cube]:
+    """Return all green things that are cubes, their edges different by no more than a share."""
     green = points[is_green(colours)]
     green = green[~_of_green_support(green, plane)]
     if len(green) < TUNING.least_points:
@@ -103,7 +116,7 @@ def rough_cubes(points: Array, colours: Array, plane: Array, where: str) -> list
     found = []
     for thing in _things(green):
         try:
-            found.append(_measured(thing, plane, where))
+            found.append(_measured(thing, plane, where, unequal))
         except FramesError as error:
             wrong = wrong or error
     if not found:
@@ -135,7 +148,7 @@ def _things(points: Array) -> list[Array]:
     return [points[label == k] for k in order]
 
 
-def _measured(green: Array, plane: Array, where: str) -> Cube:
+def _measured(green: Array, plane: Array, where: str, unequal: float) -> Cube:
     """Return the cube that green points (N, 3) are, or refuse them."""
     n, d = plane[:3], plane[3]
     middle = np.median(green, axis=0)
@@ -156,11 +169,11 @@ def _measured(green: Array, plane: Array, where: str) -> Cube:
         sides.append((*_sides(_turned(flat, a), upright), a))
     low, high, _, angle = min(sides, key=lambda found: found[2])
     widths = high - low
-    if not np.isfinite(widths).all() or widths.min() <= 0 or np.ptp(widths) > TUNING.unequal * widths.mean():
+    if not np.isfinite(widths).all() or widths.min() <= 0 or np.ptp(widths) > unequal * widths.mean():
         raise FramesError(
             f"{where}: what is green is no cube: {widths[0]:.3g} by {widths[1]:.3g} across, {top:.3g} high"
         )
-    if abs(top / widths.mean() - 1) > 2 * TUNING.unequal:
+    if abs(top / widths.mean() - 1) > 2 * unequal:
         raise FramesError(f"{where}: what is green is no cube: {widths.mean():.3g} across, {top:.3g} high")
     c, s = np.cos(angle), np.sin(angle)
     u, v = c * x + s * y, -s * x + c * y

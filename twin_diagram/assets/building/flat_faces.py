@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_diagram.assets.building.opening import fibonacci_sphere
 from twin_diagram.assets.description import TUNING as SDF
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.directions import fibonacci_sphere
 
 
 @dataclass(frozen=True)

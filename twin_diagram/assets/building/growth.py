@@ -22,13 +22,13 @@ from twin_diagram.assets.building.colouring import bilinear_rgb
 from twin_diagram.assets.building.depth_view import Mask, make_view, view_points
 from twin_diagram.assets.building.from_frames import asset_of_shape, upright_pose
 from twin_diagram.assets.building.from_mesh import AssetPlace, BuiltAsset
+from twin_diagram.assets.building.opening import fibonacci_sphere
 from twin_diagram.assets.building.reconstruct import reconstruct
 from twin_diagram.assets.description import read_spec
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.scene_folder import RgbdFrame
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.signals.arrays import Array
-from twin_diagram.signals.directions import fibonacci_sphere
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from twin_diagram.perception.registration.rotation import exp
 from twin_diagram.perception.registration.round_body import is_round
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.compiled import one_layout
-from twin_diagram.signals.directions import fibonacci_sphere
 
 
 @dataclass(frozen=True)
@@ -284,6 +283,15 @@ def recoloured(points: Array, tree: cKDTree, colours: Array, turn: Array) -> flo
 
 def _among(turn: Array, others: list[Array]) -> bool:
     return any(np.trace(turn.T @ one) > 2.99 for one in others)
+
+
+def fibonacci_sphere(count: int) -> Array:
+    """Return (count, 3) unit vectors spread evenly."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    angle = np.pi * (1.0 + 5.0**0.5) * k
+    r = np.sqrt(1.0 - z * z)
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
 
 
 def visible(points: Array, normals: Array, direction: Array, cell: float) -> npt.NDArray[np.bool_]:
