@@ -27,6 +27,7 @@ from twin_diagram.runs.learning.record import LearningRecord
 from twin_diagram.scenario import Scenario
 
 TABLE, LINK, PALM, FINGER, MUG, CAN = range(6)
+PLACE = np.array([0.4, 0.0, 0.1])
 PARTS = CellParts(frozenset({LINK, PALM, FINGER}), frozenset({PALM, FINGER}), frozenset({MUG, CAN}))
 
 
@@ -63,7 +64,7 @@ class Scene:
         self.count._parts, self.count._names = PARTS, {FINGER: "finger", MUG: "mug", CAN: "can", LINK: "link"}
         self.now = 0.0
         monkeypatch.setattr(self.count, "_nearest", lambda station, context, place: MUG)
-        monkeypatch.setattr(self.count, "_pairs", lambda *pairs: ((a, b, np.array([0.4, 0.0, 0.1])) for a, b in pairs))
+        monkeypatch.setattr(self.count, "_pairs", lambda *pairs: ((a, b, lambda: PLACE) for a, b in pairs))
 
     def tick(self, *pairs: tuple[int, int], doing: Doing = FREE, after: float = 0.01) -> None:
         self.now += after

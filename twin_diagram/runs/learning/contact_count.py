@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
     from twin_diagram.station.sim.station import SimStation
 
+Place = Callable[[], Array]
+"""Tells where in W something is (3,) [m]."""
 NOTHING: Final = -1
 """No object."""
 
@@ -108,7 +111,7 @@ class ContactCount:
             if asked_for(a, b, self._parts, doing.phase, self._wanted):
                 continue
             if now - self._last.get((a, b), -np.inf) > TUNING.anew:
-                self._note([self._names.get(a, "fixture"), self._names.get(b, "fixture")], doing, now, where[a, b])
+                self._note([self._names.get(a, "fixture"), self._names.get(b, "fixture")], doing, now, where[a, b]())
             self._last[a, b] = now
 
     def _note_grip(self, pairs: set[tuple[int, int]], doing: Doing, now: float) -> None:
@@ -151,12 +154,12 @@ class ContactCount:
         near = [(one.distance, self._body_of[one.id_G]) for one in found if one.id_G in self._body_of]
         return min((one for one in near if one[1] in self._parts.objects), default=(0.0, NOTHING))[1]
 
-    def _pairs(self, surfaces: Sequence[Any], points: Sequence[Any]) -> Iterator[tuple[int, int, Array]]:
-        """Yield the bodies of each contact, of those over surfaces and those in points, and where in W it is (3,)."""
+    def _pairs(self, surfaces: Sequence[Any], points: Sequence[Any]) -> Iterator[tuple[int, int, Place]]:
+        """Yield the bodies of each contact, of those over surfaces and those in points, and what tells its place."""
         for point in points:
-            yield self._body_of[point.id_A], self._body_of[point.id_B], 0.5 * (point.p_WCa + point.p_WCb)
+            yield self._body_of[point.id_A], self._body_of[point.id_B], partial(_middle, point)
         for surface in surfaces:
-            yield self._body_of[surface.id_M()], self._body_of[surface.id_N()], np.asarray(surface.centroid())
+            yield self._body_of[surface.id_M()], self._body_of[surface.id_N()], surface.centroid
 
 
 class Watchers:
@@ -175,6 +178,10 @@ class Watchers:
         """Tell each."""
         for one in self._each:
             one.ticked(station, context, doing)
+
+
+def _middle(point: Any) -> Array:
+    return np.asarray(0.5 * (point.p_WCa + point.p_WCb))
 
 
 def _index(body: int) -> Any:
