@@ -77,6 +77,10 @@ def test_torques_and_masses_are_the_plants(model: Model) -> None:
     total = sum(tree.regressor(Q, V, A, body) @ tree.inertia[body] for body in range(3))
     rest = tree.rotor * A + tree.damping * V + tree.stiffness * (Q - tree.rest)
     np.testing.assert_allclose(total + rest, once, atol=1e-10)
+    for body in range(3):
+        told = tree.carried(Q, V, A, body)
+        np.testing.assert_array_equal(told.torque, tree.inverse_dynamics(Q, V, A))
+        np.testing.assert_array_equal(told.regressor, tree.regressor(Q, V, A, body))
     bare = tree.bare(tree.inertia)
     np.testing.assert_allclose(bare.inverse_dynamics(Q, V, A), once - rest, atol=1e-10)
     tool = model.calls.tool_jacobian(Q[0])

@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Sphere
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    Box,
+    ProximityProperties,
+    Sphere,
+)
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.multibody.tree import SpatialInertia
@@ -20,6 +27,7 @@ from twin_diagram.runs.learning.record import LearningRecord
 from twin_diagram.scenario import Scenario
 
 TABLE, LINK, PALM, FINGER, MUG, CAN = range(6)
+PLACE = np.array([0.4, 0.0, 0.1])
 PARTS = CellParts(frozenset({LINK, PALM, FINGER}), frozenset({PALM, FINGER}), frozenset({MUG, CAN}))
 
 
@@ -56,12 +64,17 @@ class Scene:
         self.count._parts, self.count._names = PARTS, {FINGER: "finger", MUG: "mug", CAN: "can", LINK: "link"}
         self.now = 0.0
         monkeypatch.setattr(self.count, "_nearest", lambda station, context, place: MUG)
-        monkeypatch.setattr(self.count, "_pairs", lambda pairs: ((a, b, np.array([0.4, 0.0, 0.1])) for a, b in pairs))
+        monkeypatch.setattr(self.count, "_pairs", lambda *pairs: ((a, b, lambda: PLACE) for a, b in pairs))
 
     def tick(self, *pairs: tuple[int, int], doing: Doing = FREE, after: float = 0.01) -> None:
         self.now += after
-        port = SimpleNamespace(Eval=lambda context: pairs)
-        station: Any = SimpleNamespace(GetOutputPort=lambda name: port)
+        query = SimpleNamespace(ComputeContactSurfacesWithFallback=lambda representation: pairs)
+        plant = SimpleNamespace(
+            get_geometry_query_input_port=lambda: SimpleNamespace(Eval=lambda context: query),
+            GetMyContextFromRoot=lambda context: context,
+            get_contact_surface_representation=lambda: None,
+        )
+        station: Any = SimpleNamespace(world=SimpleNamespace(plant=plant))
         context: Any = SimpleNamespace(get_time=lambda: self.now)
         self.count.ticked(station, context, doing)
 
@@ -98,6 +111,41 @@ def test_what_is_lost_from_the_hand_is_told(monkeypatch: pytest.MonkeyPatch) -> 
     scene.tick()
     scene.tick((MUG, TABLE))
     assert [what["between"] for what in scene.told] == [["mug", "nothing"]]
+
+
+def test_what_touches_is_what_the_plant_resolves() -> None:
+    """Over a surface and in a point, and not what is near alone."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.01)
+    plant.SetUseSampledOutputPorts(False)
+    soft, told = ProximityProperties(), list[dict[str, Any]]()
+    AddCompliantHydroelasticProperties(0.02, 1e7, soft)
+    AddContactMaterial(properties=soft, friction=CoulombFriction(0.5, 0.5))
+    rigid = ProximityProperties()
+    AddRigidHydroelasticProperties(0.02, rigid)
+    AddContactMaterial(properties=rigid, friction=CoulombFriction(0.5, 0.5))
+    point = ProximityProperties()
+    AddContactMaterial(properties=point, friction=CoulombFriction(0.5, 0.5))
+    for name, x, properties in (("pad", 0.0, soft), ("held", 0.099, rigid), ("by", 0.198, point), ("far", 0.31, point)):
+        body = plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+        plant.RegisterCollisionGeometry(body, RigidTransform(), Box(0.1, 0.1, 0.1), name, properties)
+        plant.SetDefaultFloatingBaseBodyPose(body, RigidTransform([x, 0.0, 0.0]))
+    plant.Finalize()
+    context = builder.Build().CreateDefaultContext()
+    results: Any = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
+    assert (results.num_hydroelastic_contacts(), results.num_point_pair_contacts()) == (1, 1)
+    numbers = {name: int(plant.GetBodyByName(name).index()) for name in ("pad", "held", "by", "far")}
+    count = ContactCount(lambda **what: told.append(what))
+    hand = frozenset({numbers["pad"]})
+    count._parts = CellParts(hand, hand, frozenset(numbers.values()) - hand)
+    count._wanted, count._names = numbers["held"], {number: name for name, number in numbers.items()}
+    bodies = [plant.GetBodyByName(name) for name in numbers]
+    count._body_of = {g: int(body.index()) for body in bodies for g in plant.GetCollisionGeometriesForBody(body)}
+    station: Any = SimpleNamespace(world=SimpleNamespace(plant=plant))
+    count.ticked(station, context, FREE)
+    assert count._gripped, "the pad holds it"
+    (only,) = told
+    assert only["between"] == ["held", "by"] and only["place"] == pytest.approx([0.1485, 0.0, 0.0], abs=0.06)
 
 
 def test_what_is_wanted_is_what_is_grasped_not_what_has_its_origin_nearest() -> None:

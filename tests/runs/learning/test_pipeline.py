@@ -16,12 +16,13 @@ import pytest
 from tests.runs.learning.held_box import shown, turned
 from twin_diagram.errors import StationError, TwinError
 from twin_diagram.estimation.weighing import WeighingError
-from twin_diagram.runs.learning import handling, pipeline, swinging
+from twin_diagram.runs.learning import handling, one_object, pipeline, swinging
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.finishing import finish
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.motion import NoWay
+from twin_diagram.runs.learning.one_object import OneObject
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.pipeline import Learner
 from twin_diagram.runs.learning.record import SWUNG, Learned, LearningError, LearningRecord, RunState
@@ -70,7 +71,7 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     monkeypatch.setattr(handling, "show_first", bin_.show)
     monkeypatch.setattr(handling, "let_go", bin_.let_go)
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
-    monkeypatch.setattr(pipeline, "seek", lambda *told: Sought("nothing is seen"))
+    monkeypatch.setattr(one_object, "seek", lambda *told: Sought("nothing is seen"))
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.correct_cameras", lambda *told: [])
     record = LearningRecord(folder, Scenario())
     hand = SimpleNamespace(opening_most=0.115)
@@ -151,7 +152,7 @@ def test_what_a_camera_that_stops_cannot_show_is_marked_before_the_run_ends(
     monkeypatch.setattr(handling, "show_first", show_first)
     monkeypatch.setattr(handling, "show_again", stops)
     monkeypatch.setattr(handling, "write_frames", lambda folder, *told: written.append(folder.parent.name))
-    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.seek", lambda *told: Sought("nothing"))
+    monkeypatch.setattr("twin_diagram.runs.learning.one_object.seek", lambda *told: Sought("nothing"))
     run._jobs = SimpleNamespace(poll=list, pending=[], add=lambda *told: None, close=lambda: None)  # type: ignore[assignment]
     with pytest.raises(StationError, match="'scan' measures no depth"):
         run.run()
@@ -267,7 +268,7 @@ def test_what_one_grasp_leaves_no_place_for_is_put_away_in_another(
     mover = SimpleNamespace(tool=lambda q: np.eye(4))
     tools: Any = SimpleNamespace(cell=cell, learning=learning, mover=mover, gripper=None, cameras={}, faces=None)
     run.tools = tools
-    monkeypatch.setattr(pipeline, "seek", lambda *told: Sought("nothing lies there"))
+    monkeypatch.setattr(one_object, "seek", lambda *told: Sought("nothing lies there"))
     run.run()
     (one,) = run.state.learned
     assert bool(one.standing) == again and grasps == [int(again)]
@@ -420,11 +421,13 @@ def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(
 
     monkeypatch.setattr(handling, "show_again", show_again)
     monkeypatch.setattr(swinging, "weigh_held", weigh_held)
-    run._weigh("object_01", held, tmp_path)
+    one = OneObject(run.tools, run.record, "object_01", run._stage, run._jobs.add, [])
+    one.shown = held
+    one.weigh()
     assert grasps == [1, 2] and held.notes == ["not weighed: no motion keeps the limit of grip"] * 2
     grasps.clear()
     held.X_ST = [np.eye(4)] * run.tools.learning.most_grasps
-    run._weigh("object_01", held, tmp_path)
+    one.weigh()
     assert grasps == [3], "no more grasps than there may be"
 
 

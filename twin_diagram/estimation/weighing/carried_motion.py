@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from pydrake.math import RigidTransform
 
 from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.model.model import Model
-from twin_diagram.model.rigid_body.kinematic_tree import Kinematics
 from twin_diagram.model.rigid_body.mass_properties import about_centre
-from twin_diagram.model.rigid_body.rigid_tree import transform_inertia
+from twin_diagram.model.rigid_body.rigid_tree import Carried, transform_inertia
 from twin_diagram.signals.arrays import Array
 
 
@@ -60,16 +60,17 @@ class CarriedMotion:
         full[:, rows] = q
         rates = np.zeros_like(full), np.zeros_like(full)
         rates[0][:, rows], rates[1][:, rows] = v, a
-        Y = tree.regressor(full, *rates, self.held.body)[:, rows] @ transform_inertia(self.held.X_MO)
-        torque = tree.inverse_dynamics(full, *rates)[:, rows] + Y @ self.parameters
-        return Asked(Y, torque, self._wrench(full, *rates))
+        told = tree.carried(full, *rates, self.held.body)
+        Y = told.regressor[:, rows] @ self._into_M
+        return Asked(Y, told.torque[:, rows] + Y @ self.parameters, self._wrench(told))
 
-    def _wrench(self, q: Array, v: Array, a: Array) -> Array:
+    @cached_property
+    def _into_M(self) -> Array:
+        return transform_inertia(self.held.X_MO)
+
+    def _wrench(self, told: Carried) -> Array:
         """Return force over moment (N, 6) about G, in G, that the hand gives the object: Newton and Euler."""
-        motion = Kinematics.of(self.model.tree, q.T)
-        spins = motion.accelerations(v.T, a.T, self.model.tree.gravity)
-        R_WM = motion.R[:, :, self.held.body]
-        w, alpha, a_M = (np.einsum("abn,an->nb", R_WM, x[:, self.held.body]) for x in spins)  # in M
+        w, alpha, a_M = (np.einsum("nab,na->nb", told.R_WM, x) for x in told.motion)  # in M
         X_MO, mass_and_more = self.held.X_MO, about_centre(self.parameters)
         mass, centre, inertia = mass_and_more
         R_MO = X_MO.rotation().matrix()

@@ -15,6 +15,9 @@ import numpy.typing as npt
 
 from twin_diagram.signals.arrays import Array
 
+Motion = tuple[Array, Array, Array]
+"""Of all bodies: angular velocity, angular acceleration, and acceleration of Mo less gravity, each (3, n, N), in W."""
+
 
 @dataclass(frozen=True)
 class KinematicTree:
@@ -130,7 +133,7 @@ class Kinematics:
         RI = np.einsum("abin,bci->acin", self.R, tensor)
         return h, np.einsum("acin,bcin->abin", RI, self.R)
 
-    def accelerations(self, v: Array, a: Array | None, gravity: Array) -> tuple[Array, Array, Array]:
+    def accelerations(self, v: Array, a: Array | None, gravity: Array) -> Motion:
         """Return angular velocity, angular acceleration, and acceleration of Mo less gravity, each (3, n, N)."""
         angular_rate, linear_rate = self.angular * v, self.linear * v
         w = self.ancestors @ angular_rate
@@ -146,7 +149,11 @@ class Kinematics:
 
     def inverse_dynamics(self, v: Array, a: Array | None, gravity: Array) -> Array:
         """Return the joint torques (n, N) of the bodies alone."""
-        w, alpha, a_M = self.accelerations(v, a, gravity)
+        return self.torques(self.accelerations(v, a, gravity))
+
+    def torques(self, motion: Motion) -> Array:
+        """Return the joint torques (n, N) of the bodies alone, by what `accelerations` returns."""
+        w, alpha, a_M = motion
         h, tensor = self.moments()
         force = self.tree.inertia[:, 0, None] * a_M + cross(alpha, h) + cross(w, cross(w, h))
         moment = _apply(tensor, alpha) + cross(w, _apply(tensor, w)) + cross(h, a_M) + cross(self.p, force)
@@ -178,7 +185,11 @@ class Kinematics:
 
     def regressor(self, v: Array, a: Array, gravity: Array, body: int) -> Array:
         """Return (n, 10, N) of one body."""
-        w, alpha, a_M = (x[:, body] for x in self.accelerations(v, a, gravity))
+        return self.shares(self.accelerations(v, a, gravity), body)
+
+    def shares(self, motion: Motion, body: int) -> Array:
+        """Return `regressor` (n, 10, N) of one body, by what `accelerations` returns."""
+        w, alpha, a_M = (x[:, body] for x in motion)
         R = self.R[:, :, body]
         samples = w.shape[-1]
         force = np.zeros((3, 10, samples))

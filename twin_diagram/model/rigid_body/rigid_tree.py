@@ -106,6 +106,40 @@ class RigidTree(KinematicTree):
             result[part] = motion.regressor(v[part].T, a[part].T, self.gravity, body).transpose(2, 0, 1)
         return result
 
+    def carried(self, q: Array, v: Array, a: Array, body: int) -> Carried:
+        """Return what `inverse_dynamics` and `regressor` of a body do, and how that moves, by one way along the joints.
+
+        Motions q, v, a are (N, n).
+        """
+        count = len(q)
+        told = Carried(np.empty_like(q), np.empty((*q.shape, 10)), np.empty((count, 3, 3)), np.empty((3, count, 3)))
+        for part in _chunks(count):
+            placed = Kinematics.of(self, q[part].T)
+            motion = placed.accelerations(v[part].T, a[part].T, self.gravity)
+            told.torque[part] = placed.torques(motion).T
+            told.regressor[part] = placed.shares(motion, body).transpose(2, 0, 1)
+            told.R_WM[part] = placed.R[:, :, body].transpose(2, 0, 1)
+            told.motion[:, part] = np.stack(motion)[:, :, body].transpose(0, 2, 1)
+        told.torque[:] += self.rotor * a + self.damping * v + self.stiffness * (q - self.rest)
+        return told
+
+
+@dataclass(frozen=True)
+class Carried:
+    """What a motion of N samples asks of n joints, and how one body moves in it.
+
+    Attributes:
+        torque: (N, n) of the joints.
+        regressor: (N, n, 10) of the body.
+        R_WM: (N, 3, 3) of the body.
+        motion: (3, N, 3) its angular velocity, angular acceleration, and acceleration of Mo less gravity, in W.
+    """
+
+    torque: Array
+    regressor: Array
+    R_WM: Array
+    motion: Array
+
 
 def _chunks(count: int) -> list[slice]:
     return [slice(start, start + TUNING.chunk) for start in range(0, count, TUNING.chunk)]

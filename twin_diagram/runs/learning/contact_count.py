@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -11,13 +12,14 @@ import numpy as np
 from twin_diagram.model.description.followers import Followers
 from twin_diagram.runs.learning.cell import FREE, GRASP, RELEASE, Doing
 from twin_diagram.signals.arrays import Array
-from twin_diagram.station import ports
 
 if TYPE_CHECKING:
     from pydrake.systems.framework import Context
 
     from twin_diagram.station.sim.station import SimStation
 
+Place = Callable[[], Array]
+"""Tells where in W something is (3,) [m]."""
 NOTHING: Final = -1
 """No object."""
 
@@ -98,15 +100,18 @@ class ContactCount:
             self._wanted, self._gripped = self._nearest(station, context, np.array(doing.place)), False
         self._before, self._phase = self._phase, doing.phase
         now = context.get_time()
-        results: Any = station.GetOutputPort(ports.CONTACT_RESULTS).Eval(context)
-        where = {(min(a, b), max(a, b)): at for a, b, at in self._pairs(results)}
+        # By shapes alone: the plant's own results take a solution for forces, which nobody asks for, of its own.
+        plant = station.world.plant
+        query: Any = plant.get_geometry_query_input_port().Eval(plant.GetMyContextFromRoot(context))
+        found = query.ComputeContactSurfacesWithFallback(plant.get_contact_surface_representation())
+        where = {(min(a, b), max(a, b)): at for a, b, at in self._pairs(*found)}
         pairs = set(where)
         self._note_grip(pairs, doing, now)
         for a, b in sorted(pairs):
             if asked_for(a, b, self._parts, doing.phase, self._wanted):
                 continue
             if now - self._last.get((a, b), -np.inf) > TUNING.anew:
-                self._note([self._names.get(a, "fixture"), self._names.get(b, "fixture")], doing, now, where[a, b])
+                self._note([self._names.get(a, "fixture"), self._names.get(b, "fixture")], doing, now, where[a, b]())
             self._last[a, b] = now
 
     def _note_grip(self, pairs: set[tuple[int, int]], doing: Doing, now: float) -> None:
@@ -149,14 +154,12 @@ class ContactCount:
         near = [(one.distance, self._body_of[one.id_G]) for one in found if one.id_G in self._body_of]
         return min((one for one in near if one[1] in self._parts.objects), default=(0.0, NOTHING))[1]
 
-    def _pairs(self, results: Any) -> Iterator[tuple[int, int, Array]]:
-        """Yield the bodies of each contact, and where in W it is (3,)."""
-        for i in range(results.num_point_pair_contacts()):
-            info = results.point_pair_contact_info(i)
-            yield int(info.bodyA_index()), int(info.bodyB_index()), np.asarray(info.contact_point())
-        for i in range(results.num_hydroelastic_contacts()):
-            surface = results.hydroelastic_contact_info(i).contact_surface()
-            yield self._body_of[surface.id_M()], self._body_of[surface.id_N()], np.asarray(surface.centroid())
+    def _pairs(self, surfaces: Sequence[Any], points: Sequence[Any]) -> Iterator[tuple[int, int, Place]]:
+        """Yield the bodies of each contact, of those over surfaces and those in points, and what tells its place."""
+        for point in points:
+            yield self._body_of[point.id_A], self._body_of[point.id_B], partial(_middle, point)
+        for surface in surfaces:
+            yield self._body_of[surface.id_M()], self._body_of[surface.id_N()], surface.centroid
 
 
 class Watchers:
@@ -175,6 +178,10 @@ class Watchers:
         """Tell each."""
         for one in self._each:
             one.ticked(station, context, doing)
+
+
+def _middle(point: Any) -> Array:
+    return np.asarray(0.5 * (point.p_WCa + point.p_WCb))
 
 
 def _index(body: int) -> Any:

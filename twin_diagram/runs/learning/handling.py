@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.choosing import Choice
-from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of
+from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of, well_followed
 from twin_diagram.runs.learning.display import display
 from twin_diagram.runs.learning.felt_weight import Centre, Felt, centre_felt
 from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew
@@ -28,9 +28,10 @@ from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.looking_about import LyingAbout, look_about
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
-from twin_diagram.runs.learning.picking import go, lift_over, take
+from twin_diagram.runs.learning.picking import Taken, go, lift_over, take
 from twin_diagram.runs.learning.record import LearningError
-from twin_diagram.runs.learning.regrasping import PLATFORM, take_again
+from twin_diagram.runs.learning.regrasping import PLATFORM, fallen_pose, take_again
+from twin_diagram.runs.learning.regrasping import TUNING as REGRASPING
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runs.learning.steady_picture import refuse_blind, steady_picture
@@ -241,22 +242,60 @@ def show_again(tools: Tools, shown: ShownObject, firm: bool = False) -> bool:
     tools.mover.stand(PLATFORM, [], 0.0)
     if found is None:
         return False
-    _, X_ST = found
+    _show_held(tools, shown, found[1], R_WS_lying)
+    return True
+
+
+def _show_held(tools: Tools, shown: ShownObject, X_ST: Array, R_WS: Array) -> None:
+    """Show what was taken again.
+
+    Args:
+        tools: of the cell.
+        shown: the object, as it was seen before.
+        X_ST: (4, 4) of the tool in S.
+        R_WS: (3, 3) axes of S in W as it lay when it was taken.
+
+    Raises:
+        NoWay, NothingHeld: see `display` and `follow_anew`.
+    """
     shown.X_ST.append(X_ST)
     shown.openings.append(tools.cell.apart)
-    shown.R_WT = R_WS_lying @ X_ST[:3, :3]
+    shown.R_WT = R_WS @ X_ST[:3, :3]
     hold_seen(tools, shown)
+    assert shown.seen is not None
+    p_WC = shown.followed.shown[-1].picture.camera.p_WC
     felt, hand = Felt(), Boxes(X_ST, *tools.gripper.boxes(tools.cell.apart))
     number, tilts = len(shown.X_ST) - 1, tilts_of(shown.seen, hand, tools.learning, p_WC)
     noted = partial(felt.note, tools.cell)
     pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts, during=noted)
     shown.followed = follow_anew(shown.followed, pictures, X_ST, TUNING.regrasped)
     shown.X_ST[-1] = shown.followed.X_ST[-1]
-    shown.R_WT = R_WS_lying @ shown.X_ST[-1][:3, :3]
+    shown.R_WT = R_WS @ shown.X_ST[-1][:3, :3]
     hold_seen(tools, shown)
     feel(tools, shown, felt)
     look_over(tools, shown)
-    return True
+
+
+def show_found(tools: Tools, shown: ShownObject, found: LyingAbout, taken: Taken) -> bool:
+    """Show what was lost after it had been shown, and was found and taken; whether it is known how it is held.
+
+    Where that is not, no picture of it explains itself by what was seen before, and what is known of it stays.
+
+    Raises:
+        NoWay, NothingHeld: see `display` and `follow_anew`.
+    """
+    points, normals = found.thing.points[:1500], found.thing.normals[:1500]
+    guess = taken.X_WT @ np.linalg.inv(shown.X_ST[-1])
+    X_SW, share = fallen_pose(shown.followed, points, normals, guess, found.support)
+    if share <= REGRASPING.same:
+        return False
+    before = replace(shown, X_ST=[*shown.X_ST], openings=[*shown.openings], seen_shares=[*shown.seen_shares])
+    _show_held(tools, shown, X_SW @ taken.X_WT, X_SW[:3, :3].T)
+    if max(well_followed(shown.followed), default=0) >= len(before.followed.shown):
+        return True
+    shown.followed, shown.X_ST, shown.openings, shown.R_WT = before.followed, before.X_ST, before.openings, before.R_WT
+    shown.seen, shown.seen_shares, shown.centre = before.seen, before.seen_shares, before.centre
+    return False
 
 
 def _look_again(tools: Tools, known: Sequence[Array]) -> LyingAbout | None:

@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twin_diagram.errors import StationError, TwinError
-from twin_diagram.estimation.weighing import WeighingError
-from twin_diagram.runs.learning import handling, picking, swinging
+from twin_diagram.errors import TwinError
+from twin_diagram.runs.learning import handling
 from twin_diagram.runs.learning.bin_view import SeenThing, narrowest, save_picture
 from twin_diagram.runs.learning.camera_check import correct_cameras
 from twin_diagram.runs.learning.cell import Picture
 from twin_diagram.runs.learning.choosing import Choice
-from twin_diagram.runs.learning.coverage import asks_for_more
-from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.ending import end_early
-from twin_diagram.runs.learning.finishing import figures_of, finish, seen_so_far
+from twin_diagram.runs.learning.finishing import figures_of, finish
 from twin_diagram.runs.learning.gallery import write_gallery
-from twin_diagram.runs.learning.motion import NoWay
-from twin_diagram.runs.learning.record import SWUNG, Learned, LearningRecord, RunState, plain
-from twin_diagram.runs.learning.seeking import seek
+from twin_diagram.runs.learning.one_object import OneObject
+from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState, plain
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done, ShapeJobs
-from twin_diagram.runs.learning.shape_worker import FRAMES
-from twin_diagram.runs.learning.shown_object import Picked, ShownObject
+from twin_diagram.runs.learning.shown_object import Picked
 from twin_diagram.runs.learning.tipping import plan_tipping, tip_up
 from twin_diagram.runs.learning.which_first import which_first
 from twin_diagram.runtime import stopping
@@ -76,7 +70,7 @@ class Learner:
         self._begun, self._handled = time.monotonic(), 0
         self._left, self._tipped = 0, 0
         self._made: list[Done] = []
-        self._in_bin = True
+        self._held: OneObject | None = None
 
     def run(self) -> None:
         """Empty the bin, wait for reconstructions under way, and write the gallery."""
@@ -85,7 +79,7 @@ class Learner:
             while (found := self._next()) is not None:
                 self._handle(*found)
                 self._save()
-                self._in_bin = True
+                self._held = None
             if not self.state.finished:
                 self.state.finished = True
                 self.record.event(stage="bin", outcome="empty" if not self.state.given_up else "nothing left to take")
@@ -104,7 +98,7 @@ class Learner:
     def _end_early(self) -> None:
         """Set down what is held, or hold it; where it lies in its bin again the run goes on from there."""
         ending = end_early(self.tools)
-        if ending.empty and self._in_bin:
+        if ending.empty and (self._held is None or self._held.in_bin):
             self.state.world = self.tools.cell.snapshot()
             self.state.sim_time = self.tools.cell.time
             self.record.save(self.state)
@@ -181,39 +175,9 @@ class Learner:
 
     def _learn(self, name: str, picked: Picked) -> None:
         """Show, weigh and put away what was picked, and have its shape made."""
-        assert picked.taken is not None
-        folder = self.record.fresh(name)
-        one, shown = Learned(name), ShownObject()
-        try:
-            with self._stage(name, "display") as told:
-                shown = handling.show_first(self.tools, picked)
-                one.R_WS = (shown.R_WT @ shown.X_ST[-1][:3, :3].T).tolist()
-                told.update(seen_so_far(shown))
-            self._show_again(name, shown)
-            handling.write_frames(folder / FRAMES, shown, self.tools.gripper)
-            self._jobs.add(name, folder)
-            opening = self.tools.cell.opening
-            if self.tools.learning.weigh_seconds > 0.0:
-                self._weigh(name, shown, folder)
-            # Where it is believed to be in the hand now, for whoever knows where it truly is.
-            X_WS = self.tools.mover.tool(self.tools.cell.q) @ np.linalg.inv(shown.X_ST[-1])
-            one.figures["X_WS"] = X_WS.tolist()
-            self.tools.cell.moment(name)
-            one.standing = self._put_away(name, shown).numbers()
-            empty = self.record.folder / SWUNG
-            if shown.swung is not None and not empty.is_file():
-                with self._stage(name, "swing the empty hand"):
-                    swinging.weigh_empty(self.tools, shown, opening, empty)
-        except (NoWay, NothingHeld, StationError) as why:  # of a camera that stopped the next look tells
-            one.why = str(why)
-            self._let_go(one)
-            if not one.standing:
-                self._seek(one, [other.middle for other in picked.others if other.beside])
-        if shown.followed.shown and not (folder / FRAMES).is_dir():
-            handling.write_frames(folder / FRAMES, shown, self.tools.gripper)
-            self._jobs.add(name, folder)
-        elif not shown.followed.shown:
-            one.state = "failed"
+        self._held = held = OneObject(self.tools, self.record, name, self._stage, self._jobs.add, self._standing())
+        held.learn(picked)
+        one = held.one
         if one.standing:
             self.state.taken += 1
             self.state.failed_at = []
@@ -221,99 +185,13 @@ class Learner:
             # It may have fallen elsewhere, and bars nothing any more.
             self.state.taken += any(other.state == "reported" for other in self.state.learned)
         self._handled += 1
-        one.grasps = len(shown.X_ST)
-        one.figures |= plain(figures_of(shown))
+        one.grasps = len(held.shown.X_ST)
+        one.figures |= plain(figures_of(held.shown))
         self.state.learned.append(one)
-
-    def _show_again(self, name: str, shown: ShownObject) -> None:
-        """Show an object in its further grasps; one that cannot be set down goes on with what was seen of it.
-
-        Raises:
-            NothingHeld: it is no longer in the hand.
-        """
-        while asks_for_more(len(shown.X_ST), shown.seen_shares, self.tools.learning):
-            if not self._once_more(name, shown):
-                return
-
-    def _once_more(self, name: str, shown: ShownObject, firm: bool = False) -> bool:
-        """Show an object in another grasp; whether that was to be had; raises as `_show_again`."""
-        self._in_bin = False
-        try:
-            with self._stage(name, "display again") as told:
-                told["outcome"] = "shown" if handling.show_again(self.tools, shown, firm) else "not taken again"
-                told.update(seen_so_far(shown))
-        except NoWay as why:
-            if self.tools.cell.opening < picking.TUNING.empty or not self.tools.cell.shut:
-                raise NothingHeld(f"it was set down, and then: {why}") from why
-            shown.notes.append(f"shown in {len(shown.X_ST)} grasps only: {why}")
-            return False
-        if told["outcome"] != "shown":
-            raise NothingHeld("; ".join(["it could not be taken from the platform again", *shown.notes[-1:]]))
-        return True
-
-    def _put_away(self, name: str, shown: ShownObject) -> PutDown:
-        """Put what is held into the other bin; where its grasp leaves no place there, in another one.
-
-        Raises:
-            NoWay: no place is reached in that either.
-            NothingHeld: it was lost on its way through the platform.
-        """
-        self._in_bin = False
-        try:
-            with self._stage(name, "put away"):
-                return handling.put_away(self.tools, shown, self._standing())
-        except NoWay:
-            if not self._once_more(name, shown, firm=True):
-                raise
-        with self._stage(name, "put away"):
-            return handling.put_away(self.tools, shown, self._standing())
 
     def _standing(self) -> list[PutDown]:
         """Return what stands in the other bin."""
         return [PutDown.of_numbers(one.standing) for one in self.state.learned if one.standing]
-
-    def _seek(self, one: Learned, known: Sequence[Array]) -> None:
-        """Look for what was lost where the cameras see, and put it away; what cannot be had is told with a picture.
-
-        What lay on the table before, its middles (3,) in W `known`, is something else.
-        """
-        with self._stage(one.name, "seek") as told:
-            found = seek(self.tools, self._standing(), known)
-            told["outcome"] = found.told
-        one.why += f"; {found.told}"
-        if found.put is not None:
-            one.standing = found.put.numbers()
-        elif found.lying is not None:
-            save_picture(self.record.folder / one.picture, found.lying.picture, found.lying.thing, found.told)
-
-    def _weigh(self, name: str, shown: ShownObject, folder: Path) -> None:
-        """Swing what is held, in another grasp where this one hardly holds it; or else its shape alone tells of it."""
-        for last in (False, True):
-            try:
-                with self._stage(name, "weigh") as told:
-                    told["mass"] = swinging.weigh_held(self.tools, shown, folder)
-                    assert shown.swung is not None
-                    told["use"] = shown.swung.use
-                return
-            except (NoWay, WeighingError) as why:
-                shown.notes.append(f"not weighed: {why}")
-                firmer = isinstance(why, WeighingError) and len(shown.X_ST) < self.tools.learning.most_grasps
-                if last or not firmer or not self._once_more(name, shown, firm=True):
-                    return
-
-    def _let_go(self, one: Learned) -> None:
-        """Leave the hand empty and the arm at home after something went wrong; keep a picture of it."""
-        cell, self._in_bin = self.tools.cell, False
-        picture = cell.look(self.tools.learning.scan_camera)
-        one.picture = f"objects/{one.name}/failed.png"
-        save_picture(self.record.folder / one.picture, picture, None, one.why)
-        try:
-            fell = handling.let_go(self.tools)
-            if fell is not None:
-                one.standing = fell.numbers()
-                one.why += "; it was let fall into the other bin"
-        except NoWay as why:  # the next look into the bin tries the way home again, and ends the run if there is none
-            one.why += f"; then the arm could not go home: {why}"
 
     def _note_failure(self, one: Learned, place: Array) -> bool:
         """Count a failure of what lay at a place (3,) in W; after `tries` of them it is left there; whether it is.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.errors import StationError
 from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing, why_not
+from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.handling import TUNING as HANDLING
 from twin_diagram.runs.learning.handling import Tools, go_home, let_go, put_away, walls_about
@@ -37,13 +38,18 @@ class Sought:
     put: PutDown | None = None
 
 
-def seek(tools: Tools, standing: Sequence[PutDown], known: Sequence[Array] = ()) -> Sought:
+GoOn = Callable[[LyingAbout, Taken], PutDown]
+"""Goes on with what lay somewhere and is held again, and puts it away; raises where it does not come to that."""
+
+
+def seek(tools: Tools, standing: Sequence[PutDown], known: Sequence[Array] = (), go_on: GoOn | None = None) -> Sought:
     """Look for something on the platform and all about it, take it, and put it away beside what stands there.
 
     Args:
         tools: whose hand is empty.
         standing: what stands in the other bin.
         known: middles (3,) of what lay on the table before: it is left there [m].
+        go_on: what is done with it once it is held, the first time; later, and if it is None, it is put away as it lay.
     """
     lying, why = None, ""
     for attempt in range(tools.learning.tries):
@@ -65,9 +71,13 @@ def seek(tools: Tools, standing: Sequence[PutDown], known: Sequence[Array] = ())
             taken, why = _take_fallen(tools, thing, support, attempt)
             if taken is not None:
                 tools.mover.stand(PLATFORM, [], 0.0)
-                put = put_away(tools, _as_lying(thing, support, taken), standing)
+                once, go_on = go_on, None
+                if once is not None:
+                    put = once(found, taken)
+                else:
+                    put = put_away(tools, as_lying(thing, support, taken), standing)
                 return Sought("it was found outside of the bins and put away", found, put)
-        except NoWay as error:
+        except (NoWay, NothingHeld, StationError) as error:
             why = str(error)
             fell = let_go(tools)
             tools.mover.stand(PLATFORM, [], 0.0)
@@ -93,7 +103,7 @@ def _take_fallen(tools: Tools, thing: SeenThing, support: float, attempt: int) -
     return taken, ""
 
 
-def _as_lying(thing: SeenThing, support: float, taken: Taken) -> ShownObject:
+def as_lying(thing: SeenThing, support: float, taken: Taken) -> ShownObject:
     """Return what is known of a thing that was only seen as it lay: enough to set it down as it lay."""
     below = thing.points.copy()
     below[:, 2] = support  # what no picture shows of it goes down to there
