@@ -48,7 +48,8 @@ def splashed(x: Array, y: Array, shape: tuple[int, int]) -> Array:
     inside = np.clip(0.5 * WIDE + 0.5 - far, 0.0, 1.0)  # of a pixel on the rim a part
     seen = (inside > 0.0) & (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
     place = (row[seen] * shape[1] + column[seen]).astype(int)
-    return np.bincount(place, np.log1p(-SHARE * inside[seen]), shape[0] * shape[1]).reshape(shape)
+    dots: Array = np.bincount(place, np.log1p(-SHARE * inside[seen]), shape[0] * shape[1]).astype(float)
+    return dots.reshape(shape)
 
 
 def png(levels: npt.NDArray[np.uint8], colour: str) -> bytes:
