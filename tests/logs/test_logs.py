@@ -154,6 +154,31 @@ def test_a_line_of_units_is_heeded(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.motor_torque, 1000.0)
 
 
+def test_units_behind_the_names_are_heeded(tmp_path: Path) -> None:
+    """As spreadsheets and plotting tools write them; such a log was said to have no column `time`."""
+    path, lines = tmp_path / "log.csv", csv().split("\n", 1)
+    path.write_text("time [ms],position_measured.a (deg),torque_measured.a [ N·m ]\n" + lines[1], encoding="utf-8")
+    log = read_log(path)
+    assert log.joints == ("a",) and log.notes == (f"{path}: line 1 tells units; ms, deg are made SI units",)
+    np.testing.assert_allclose(log.time, 1e-5 * np.arange(20))
+    np.testing.assert_allclose(log.position[:, 0], np.radians(0.1 * np.arange(20)))
+
+
+@pytest.mark.parametrize(
+    ("head", "line"),
+    [
+        ("time [s],position_measured.a [rad],torque_measured.a [kg]\n", 1),
+        ("time,position_measured.a,torque_measured.a\ns,rad,kg\n", 2),
+    ],
+)
+def test_what_is_no_unit_of_a_column_is_said(head: str, line: int, tmp_path: Path) -> None:
+    """Not that time is no number: the line is one of units."""
+    path = tmp_path / "log.csv"
+    path.write_text(head + csv().split("\n", 1)[1], encoding="utf-8")
+    with pytest.raises(LogError, match=f"line {line}: torque_measured.a is in 'kg', which is none of "):
+        read_log(path)
+
+
 def changed(values: list[object], index: int, value: object) -> list[object]:
     values[index] = value
     return values

@@ -22,7 +22,7 @@ from twin_diagram.gap.correction.held_out_evidence import confirmed
 from twin_diagram.gap.experiments import advice as texts
 from twin_diagram.gap.experiments.trajectories import Experiment, design, visited
 from twin_diagram.gap.findings import Verdict
-from twin_diagram.gap.report import gap_json
+from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
 from twin_diagram.gap.report.subject import Subject
 from twin_diagram.gap.residuals import torque_sense
@@ -251,8 +251,6 @@ def accepted(verdict: Verdict, shown: Shown, confirmed: Callable[[], bool] = lam
 
 def write(gap: Gap, out: Path, title: str) -> None:
     """Write everything, whole or not at all, for what was written there before; what else is in `out` stays."""
-    from twin_diagram.gap.report import page  # it draws: what is refused does not wait for matplotlib
-
     try:
         with written_files.folder(out, FILES, _unlisted(out)) as aside:
             gap.corrected.save(aside / "model", gap.standing)

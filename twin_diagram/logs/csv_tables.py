@@ -14,7 +14,7 @@ import numpy as np
 
 from twin_diagram.errors import LogError
 from twin_diagram.logs.csv_head import cells_of, commented, head_of
-from twin_diagram.logs.csv_units import known
+from twin_diagram.logs.csv_units import known, without_units
 from twin_diagram.logs.measured_log import SIGNALS
 from twin_diagram.signals.arrays import Array
 
@@ -34,8 +34,8 @@ class Table:
     Attributes:
         columns: each (N,), by the file's names.
         lines: of the file in which the samples stand, counted from one.
-        units: of the columns, as the file's line of units says; empty where it has none.
-        told: which line that is.
+        units: of the columns, as the file's line of units says, or brackets behind names; empty where it has none.
+        told: which line says so.
     """
 
     columns: dict[str, Array]
@@ -68,7 +68,7 @@ def read_table(path: Path) -> Table:
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
         if head.text.count(mark) > head.text.count(","):
             raise LogError(f"{path}: columns are separated by {called}; a .csv log uses commas; --columns reads others")
-    names = cells_of(head.text, ",")
+    names, behind = without_units(cells_of(head.text, ","))
     if len(names) == 1:
         raise LogError(f"{path}: its first line must name the columns; it is {reprlib.repr(head.text)}")
     if not any(math.isnan(_number_or_none(name)) for name in names):
@@ -82,7 +82,7 @@ def read_table(path: Path) -> Table:
     lines: Sequence[int] = range(above + 1, above + 1 + (0 if table is None else len(table)))
     if table is None:
         table, lines = _slowly(path, names, above)
-    return Table({name: table[:, k] for k, name in enumerate(names)}, lines, units, told)
+    return Table({name: table[:, k] for k, name in enumerate(names)}, lines, {**behind, **units}, above)
 
 
 def read_foreign_table(path: Path, wanted: Sequence[str]) -> Table:

@@ -1,8 +1,9 @@
-"""Reads the line of units that some loggers write below the names."""
+"""Reads the units that some loggers write below the names, or in brackets behind them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from twin_diagram.errors import LogError
@@ -24,6 +25,8 @@ OF_SIGNALS: Final[Mapping[str, Mapping[str, float]]] = {
     CURRENT: CURRENTS,
 }
 """Units that each of the log format's columns may have, in its own."""
+BEHIND: Final = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
+"""A name and a unit in brackets behind it."""
 ALL: Final = {unit: scale for units in OF_SIGNALS.values() for unit, scale in units.items()}
 """All of them."""
 
@@ -36,12 +39,25 @@ def known(name: str) -> bool:
 def units_in(cells: Mapping[str, str]) -> dict[str, str]:
     """Return the units that a line tells; empty where it tells none, or something that is no unit.
 
+    Where time has one, it is a line of units, whatever the others are said to be in.
+
     Args:
         cells: of the line, by the names of their columns.
     """
     bare = {name: cell.strip(" []()") for name, cell in cells.items()}
     units = {name: WORDS.get(cell, cell) for name, cell in bare.items() if cell}
-    return units if set(units.values()) <= set(ALL) else {}
+    return units if set(units.values()) <= set(ALL) or units.get("time") in TIMES else {}
+
+
+def without_units(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
+    """Return names without the units that stand in brackets behind those of the log format, and these by name."""
+    bare, units = list(names), {}
+    for k, name in enumerate(names):
+        found = BEHIND.fullmatch(name)
+        if found is not None and known(found[1]):
+            bare[k] = found[1]
+            units[found[1]] = WORDS.get(found[2], found[2])
+    return bare, units
 
 
 def converted(columns: Mapping[str, Array], units: Mapping[str, str], where: str) -> tuple[dict[str, Array], str]:

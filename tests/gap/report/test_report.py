@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
 
 from tests import gap_bench as bench
 from twin_diagram.gap.candidates.records import RECORDS
@@ -25,7 +24,7 @@ from twin_diagram.gap.findings import Alternative, Estimate, Finding, Separation
 from twin_diagram.gap.report import charts, gap_json, numbers, words
 from twin_diagram.gap.report import page as report
 from twin_diagram.gap.report.comparison import Shown, above_noise, compare, show
-from twin_diagram.gap.report.pictures import binned, image
+from twin_diagram.gap.report.pictures import binned, picture
 from twin_diagram.gap.report.subject import Subject
 from twin_diagram.gap.workflow import accepted
 from twin_diagram.model.effects import make
@@ -134,7 +133,7 @@ def test_no_gap_is_not_said_to_be_closed_to_no_percent(model: Model, shown: Show
 
 
 def test_words_of_pictures_cannot_leave_their_attribute() -> None:
-    assert 'alt="a&quot;&gt;b"' in image(Figure(), 'a">b')
+    assert 'aria-label="a&quot;&gt;b"' in picture("", 'a">b')
 
 
 def test_what_is_next_to_impossible_and_what_holds_the_named_law_are_said_so(model: Model, shown: Shown) -> None:

@@ -82,6 +82,20 @@ def test_a_robot_that_lacks_everything_need_not_be_searched() -> None:
     assert not taking_over.suffices(few, noise)
 
 
+def test_what_friction_holds_on_a_joint_that_hardly_slides_need_not_be_searched_for() -> None:
+    """Minutes went into a search for names of what a wrist at rest was held by, beside six joints that were told."""
+    _, whole = lacking()
+    noise, wrist = 0.5 * whole.left, np.arange(6) == 2
+    sums = whole.problem.sums
+    slow = [
+        replace(r, v=np.where(wrist & (np.arange(len(r.v)) % 5 > 0)[:, None], 0.0, r.v)) for r in sums.records.records
+    ]
+    resting = replace(sums, records=replace(sums.records, records=tuple(slow)), weights=np.ones_like(sums.weights))
+    aloof = replace(whole, left=np.where(wrist, 0.5 * whole.before, whole.left))
+    assert taking_over.suffices(replace(aloof, problem=replace(whole.problem, sums=resting)), noise)
+    assert not taking_over.suffices(aloof, noise)
+
+
 def test_of_an_arm_that_was_known_what_tells_much_is_enough() -> None:
     true, whole = lacking()
     logs, expected = [log_of(true)], np.ones(6)

@@ -261,7 +261,10 @@ def test_visits_without_an_answer_are_no_faults_of_robots() -> None:
         (["2026-10-01", "2026-2-1", "3.2.2026"], "2026-2-1"),
         (["10", "9"], "9"),
         (["10/1/2026", "2/1/2026"], "10/1/2026"),
-        (["2026-10-01T08:00+01:00", "2026-02-01"], "2026-10-01T08:00+01:00"),
+        (["2026-10-01T08:00+01:00", "2026-02-01"], "2026-02-01"),
+        (["2026-10-01T08:00:00Z", "2026-02-01T23:00:00+02:00", "2026-02-01T20:30"], "2026-02-01T20:30"),
+        (["2026-10", "2026-275", "2026-273", "20260930T080000"], "2026-273"),
+        (["2026-10-01", "yesterday", "2026-02-01"], "2026-10-01"),
     ],
     ids=[
         "ISO",
@@ -271,7 +274,10 @@ def test_visits_without_an_answer_are_no_faults_of_robots() -> None:
         "days in three ways",
         "numbers",
         "one of two days: as in the table",
-        "mixed",
+        "with and without a zone",
+        "zones in three ways",
+        "months, days of the year, without dashes",
+        "not all of one kind: as in the table",
     ],
 )
 def test_the_first_day_is_the_first_of_dates_of_one_kind(dates: list[str], first: str) -> None:
@@ -317,9 +323,17 @@ def test_names_of_columns_may_have_spaces_about_them(tmp_path: Path) -> None:
 
 
 def test_the_page_says_where_dates_do_not_tell_which_is_first() -> None:
-    lines = [VisitResult("r", date, "unknown") for date in ("2026-03-01", "yesterday")]
-    assert "first in the table" in page(lines, ["x", "y"])
+    lines = [VisitResult("r<", date, "unknown") for date in ("2026-03-01", "yesterday")]
+    assert "Dates of r&lt; are not all of one kind" in page(lines, ["x", "y"])
     assert "first in the table" not in page(lines[:1], ["x"])
+
+
+def test_one_robots_odd_dates_cost_no_others_order() -> None:
+    lines = [VisitResult("r", date, "unknown") for date in ("2026-10-01", "2026-02-01")]
+    odd = [VisitResult("odd", date, "unknown") for date in ("last week", "2026-01-01")]
+    assert first_days([*odd, *lines]) == [("unknown", "r", "2026-02-01"), ("unknown", "odd", "last week")]
+    text = page([*odd, *lines], ["x"] * 4)
+    assert "Dates of odd are not" in text and "Dates of odd, r" not in text
 
 
 def test_a_bag_or_constants_that_change_are_another_question(tmp_path: Path) -> None:

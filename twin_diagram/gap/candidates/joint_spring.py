@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from twin_diagram.gap.candidates.merging import TUNING as MERGING
 from twin_diagram.gap.candidates.merging import Parameters
 from twin_diagram.gap.candidates.records import EffectRecord, Wakes, register
 from twin_diagram.gap.candidates.wording import effort
+from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms, levers
 from twin_diagram.model.effects import Effect
 from twin_diagram.model.effects.actuation import TorqueBias
@@ -68,7 +69,10 @@ def _curves(terms: Terms, j: int) -> Iterator[Candidate | None]:
         def basis(q: Array, knots: Array = knots) -> Array:
             return scipy.interpolate.BSpline.design_matrix(np.clip(q, low, high), knots, 3).toarray()
 
-        columns = terms.reduce(tuple(basis(terms.records.angles(r)[:, j]) for r in terms.records.records))
+        def law(record: Record, basis: Callable[[Array], Array] = basis) -> Array:
+            return basis(terms.records.angles(record)[:, j])
+
+        columns = terms.records.reduce_once(f"{JointSpring.name} of {pieces} pieces", j, law)
         size = np.sqrt(np.mean(columns**2, axis=0))
         if np.any(size < 1e-4):
             continue

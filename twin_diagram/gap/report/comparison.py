@@ -31,8 +31,9 @@ class Tuning:
     horizon: float = 0.2
     """Length of a rollout [s]."""
 
-    rollouts: int = 1500
-    """Evenly spread over the held-out run: their error is as that of all, at a tenth of the time."""
+    rollouts: int = 600
+    """Evenly spread over the held-out run: their error is that of all to a few hundredths, at a fraction of the time.
+    On a run of 21 s that of 400, 800 and 1,500 differs by 4 % at the most."""
 
 
 TUNING = Tuning()

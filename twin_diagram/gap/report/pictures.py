@@ -1,23 +1,43 @@
-"""Pictures of the residual torque over time, speed, angle and acceleration, before and after: PNG within the page.
+"""Pictures of the residual torque over time, speed, angle and acceleration, before and after: SVG within the page.
 
 Where a joint is prismatic, its force over its position.
 """
 
 from __future__ import annotations
 
-import base64
-import io
 from html import escape
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from twin_diagram.gap.findings import Moment
 from twin_diagram.gap.report.comparison import Comparison
+from twin_diagram.gap.report.panel import INK, LETTER, SIZE, UP, Panel, labelled
 from twin_diagram.signals import units
 from twin_diagram.signals.arrays import Array
+
+WIDTH, HEIGHT = 1060.0, 490.0
+"""Of a whole picture [px]; the page scales it, and is about as wide."""
+
+TOP, HIGH = (24.0, 252.0), (178.0, 196.0)
+"""Where the upper and the lower frames begin, and how high they are [px]."""
+
+LINE = 10.0
+"""Less of it left of the lower frames but the first, which have numbers and no words there [px]."""
+
+SIDE = 30.0
+"""Left of a frame, beside its numbers: a line of words, and two gaps [px]."""
+
+RIGHT = 6.0
+"""Right of the frames [px]."""
+
+GAP = 22.0
+"""Between two words of the legend [px]."""
+
+STILL = 1e-3
+"""Share of where a joint is that a frame spans at least: closer numbers would not differ in what is written."""
+
+THIN = 1.2
+"""Of lines over time [px]."""
 
 BEFORE = "#d9772b"
 """Of the given model's residual: the page's `--before`."""
@@ -27,12 +47,6 @@ AFTER = "#2463a6"
 
 NOISE = "#8a94a3"
 """Of the band that noise fills, as the page's marks of it."""
-
-INK = "#253040"
-"""Of words and marks: near the page's `--ink`."""
-
-GRID = "#e4e8ee"
-"""Of lines that must not compete with the data."""
 
 POINTS = 2500
 """Dots per picture."""
@@ -56,7 +70,7 @@ def residual_pictures(
     end: Moment | None = None,
     prismatic: bool = False,
 ) -> str:
-    """Return one joint of one run as an `<img>`.
+    """Return one joint of one run as an `<svg>`.
 
     Args:
         run: to look at.
@@ -69,92 +83,81 @@ def residual_pictures(
     """
     effort, place = ("force", "position") if prismatic else ("torque", "angle")
     left = f"measured − model [{units.on_joint(units.TORQUE, prismatic)}]"
-    figure = Figure(figsize=(10.6, 4.9), facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.1))
     reach = 1.08 * max(float(np.quantile(np.abs(run.before[:, j]), 0.999)), 3.0 * noise, 1e-12)
-    over_time = figure.add_subplot(grid[0, :])
-    _dress(over_time, "time [s]", left)
-    _noise(over_time, noise)
-    _draw_over_time(over_time, run, j, changed)
-    _mark(over_time, onset, "starts")
-    _mark(over_time, end, "ends")
-    over_time.legend(
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=3,
-        fontsize=8,
-        frameon=False,
-        borderpad=0.1,
-        handlelength=1.4,
-    )
-    over_time.set_ylim(-reach, reach)
+    span = (-reach, reach)
+    margin = SIDE + LETTER * max(len(word) for _, word in labelled(span, HIGH[0] / UP))
+    parts = [_legend(changed), _over_time(run, j, noise, changed, span, margin, left, onset, end)]
     below = (
         (f"velocity [{units.on_joint(units.SPEED, prismatic)}]", run.velocity[:, j]),
         (f"{place} [{units.on_joint(units.ANGLE, prismatic)}]", run.position[:, j]),
         (f"acceleration [{units.on_joint(units.ACCELERATION, prismatic)}]", run.acceleration[:, j]),
     )
+    step = (WIDTH - margin - RIGHT - 2 * (margin - LINE)) / 3
     for column, (what, values) in enumerate(below):
-        axes = figure.add_subplot(grid[1, column])
-        _dress(axes, what, left if column == 0 else "")
-        _noise(axes, noise)
-        _cloud(axes, values, run.before[:, j], BEFORE)
-        if changed:
-            _cloud(axes, values, run.after[:, j], AFTER)
         low, high = np.quantile(values, [0.002, 0.998])
-        margin = 0.03 * max(float(high - low), 1e-9)
-        axes.set_xlim(low - margin, high + margin)
-        axes.set_ylim(-reach, reach)
-    return image(figure, f"residual {effort} of {run.joints[j]}")
+        more = 0.03 * max(float(high - low), STILL * float(np.max(np.abs([low, high]))), 1e-9)
+        corner = margin + column * (step + margin - LINE)
+        panel = Panel(corner, TOP[1], step, HIGH[1], (float(low - more), float(high + more)), span)
+        inside = panel.band(2.0 * noise, NOISE) + _cloud(panel, values, run.before[:, j], BEFORE)
+        if changed:
+            inside += _cloud(panel, values, run.after[:, j], AFTER)
+        parts.append(panel.drawn(inside, what, left if column == 0 else ""))
+    return picture("".join(parts), f"residual {effort} of {run.joints[j]}")
 
 
-def _draw_over_time(axes: Axes, run: Comparison, j: int, changed: bool) -> None:
-    axes.plot(run.time, run.before[:, j], color=BEFORE, lw=0.9, label="given model")
+def picture(inside: str, words: str) -> str:
+    """Return a drawing of the pictures' size, and what it is for those who do not see it."""
+    return (
+        f'<svg class="residual" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{escape(words)}" '
+        f'font-size="{SIZE:g}" fill="{INK}">{inside}</svg>'
+    )
+
+
+def _over_time(
+    run: Comparison,
+    j: int,
+    noise: float,
+    changed: bool,
+    span: tuple[float, float],
+    margin: float,
+    left: str,
+    onset: Moment | None,
+    end: Moment | None,
+) -> str:
+    """Return the residual over time, with where an effect starts or ends, if it does."""
+    time = (float(run.time[0]), float(run.time[-1]))
+    panel = Panel(margin, TOP[0], WIDTH - margin - RIGHT, HIGH[0], time, span)
+    inside = panel.band(2.0 * noise, NOISE) + panel.line(run.time, run.before[:, j], BEFORE, THIN)
     if changed:
-        axes.plot(run.time, run.after[:, j], color=AFTER, lw=0.9, label="corrected model")
-    axes.set_xlim(run.time[0], run.time[-1])
+        inside += panel.line(run.time, run.after[:, j], AFTER, THIN)
+    for when, word in ((onset, "starts"), (end, "ends")):
+        inside += "" if when is None else panel.mark(when.time, word)
+    return panel.drawn(inside, "time [s]", left)
 
 
-def _mark(axes: Axes, when: Moment | None, word: str) -> None:
-    """Draw a line where an effect starts or ends, if it does."""
-    if when is not None:
-        axes.axvline(when.time, color=INK, lw=1.0, ls="--")
-        axes.annotate(
-            f" {word}", (when.time, 0.97), xycoords=("data", "axes fraction"), va="top", fontsize=8, color=INK
-        )
+def _legend(changed: bool) -> str:
+    """Return what the colours are, above the frames' right."""
+    entries = [("noise (± 2 σ)", NOISE), ("given model", BEFORE)] + [("corrected model", AFTER)] * changed
+    at, parts = WIDTH - RIGHT, []
+    for words, colour in reversed(entries):
+        at -= LETTER * len(words)
+        shape = f'<path d="M{at - 24:.1f} 11h16" stroke="{colour}" stroke-width="1.6"/>'
+        if colour == NOISE:
+            shape = f'<rect x="{at - 24:.1f}" y="6" width="16" height="9" fill="{colour}" fill-opacity="0.18"/>'
+        parts.append(f'{shape}<text x="{at:.1f}" y="15">{words}</text>')
+        at -= 24.0 + GAP
+    return "".join(parts)
 
 
-def image(figure: Figure, words: str, dpi: int = 150) -> str:
-    """Return a figure as an `<img>` that carries its own data."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
-    data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}"/>'
-
-
-def _dress(axes: Axes, below: str, beside: str) -> None:
-    axes.set_xlabel(below, fontsize=8.5, color=INK)
-    axes.set_ylabel(beside, fontsize=8.5, color=INK)
-    axes.tick_params(labelsize=8, colors=INK, length=2.5)
-    axes.grid(color=GRID, lw=0.7)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("#b9c1cc")
-
-
-def _noise(axes: Axes, noise: float) -> None:
-    axes.axhspan(-2.0 * noise, 2.0 * noise, color=NOISE, alpha=0.16, lw=0, label="noise (± 2 σ)")
-
-
-def _cloud(axes: Axes, x: Array, y: Array, colour: str) -> None:
-    """Draw dots, and the line through their middle."""
+def _cloud(panel: Panel, x: Array, y: Array, colour: str) -> str:
+    """Return dots, and the line through their middle."""
     every = max(1, len(x) // POINTS)
-    axes.plot(x[::every], y[::every], ".", ms=2.0, mew=0, alpha=0.28, color=colour, rasterized=True)
     centres, middles = binned(x, y)
-    axes.plot(centres, middles, color="white", lw=3.2, solid_capstyle="round")
-    axes.plot(centres, middles, color=colour, lw=1.7, solid_capstyle="round")
+    return (
+        panel.dots(x[::every], y[::every], colour)
+        + panel.line(centres, middles, "white", 4.4)
+        + panel.line(centres, middles, colour, 2.4)
+    )
 
 
 def binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:

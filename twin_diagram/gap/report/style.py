@@ -61,7 +61,7 @@ td.n, th.n { text-align:right; } tr:last-child td { border-bottom:0; }
 .legend i.before { background:var(--before); } .legend i.after { background:var(--after); }
 .legend i.dash { width:0; border-radius:0; border-left:2px dashed #4b5668; margin-right:10px; }
 .legend i.band { background:rgba(138,148,163,.3); }
-figure { margin:22px 0 0; } figure img { width:100%; height:auto; display:block; }
+figure { margin:22px 0 0; } figure svg { width:100%; height:auto; display:block; }
 figcaption { font-weight:600; margin-bottom:6px; } figcaption span { font-weight:400; color:var(--soft); }
 pre { background:#f6f8fa; border:1px solid var(--line); border-radius:8px; padding:12px 14px; overflow-x:auto;
   margin:10px 0 0;

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.gap.residuals import stiction
-from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.signals.arrays import Array
@@ -39,6 +39,17 @@ def mostly_resting(problem: RobotProblem, terms: Terms) -> npt.NDArray[np.bool_]
     """
     shares = [float(np.mean(stiction.clear(terms.records, terms, j))) for j in range(problem.n)]
     return np.array(shares) <= stiction.TUNING.fewest
+
+
+def told_by_rests(problem: RobotProblem) -> npt.NDArray[np.bool_]:
+    """Return (n,) which joints are told by samples at which friction may hold them, since they hardly slide.
+
+    Args:
+        problem: that was fitted.
+    """
+    records = problem.sums.records
+    resting = mostly_resting(problem, Terms(records, given_load(records), slow_speed(records)))
+    return np.asarray(resting & np.all(problem.sums.weights > 0.0, axis=0))
 
 
 def without_held(problem: RobotProblem, z: Array, terms: Terms, joints: Iterable[int]) -> tuple[RobotProblem, Array]:

@@ -128,10 +128,14 @@ class RobotProblem:
     @cached_property
     def deviation(self) -> Array:
         """(Z,) of the prior: of links, what the spread alone allows."""
-        size = np.maximum(self.sums.own_size, 1e-9)
-        own = TUNING.own * self.sums.residual_rms[:, None] / size
         further = [c.spread for c in self.sums.further]
-        return np.concatenate([self.spread * self.links.scale.ravel(), np.maximum(own, 1e-9).ravel(), *further])
+        return np.concatenate([self.spread * self.links.scale.ravel(), self.own_deviation.ravel(), *further])
+
+    @property
+    def own_deviation(self) -> Array:
+        """(n, 4) of joints' own terms, next to free."""
+        own = TUNING.own * self.sums.residual_rms[:, None] / np.maximum(self.sums.own_size, 1e-9)
+        return np.maximum(own, 1e-9)
 
     @cached_property
     def precision(self) -> Array:

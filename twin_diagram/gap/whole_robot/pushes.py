@@ -284,7 +284,7 @@ Span = tuple[float, Candidate, int, int]
 
 def _best(beside: _Beside, wrenches: list[Candidate]) -> list[Span]:
     """Return the likeliest wrenches, each with the span that suits it best."""
-    count = len(beside.seen)
+    count = beside.seen.shape[1]
     edges = np.unique(np.round(np.linspace(0, count, TUNING.blocks + 1)).astype(np.int64))
     ends, longest = len(edges), int(TUNING.longest * (len(edges) - 1))
     pairs = np.array([(i, k) for i in range(1, ends - 1) for k in range(i + 1, min(i + longest, ends - 1) + 1)])
@@ -300,7 +300,7 @@ def _best(beside: _Beside, wrenches: list[Candidate]) -> list[Span]:
 
 def _refined(beside: _Beside, wrench: Candidate, at: int, to: int, step: int) -> Span:
     """Return a wrench with the best samples at which it begins and ends, near those given, and its score."""
-    count = len(beside.seen)
+    count = beside.seen.shape[1]
     stride = max(1, step // TUNING.fine)
     middle = (at + to) // 2
     first = np.arange(max(at - step, 1), min(at + step, middle) + 1, stride)
@@ -338,7 +338,7 @@ class _Beside:
 
     Attributes:
         problem: that was fitted.
-        seen: (N, n, M + 1) what joints' equations are in the M coordinates that move, by the inverse of the triangular
+        seen: (n, N, M + 1) what joints' equations are in the M coordinates that move, by the inverse of the triangular
             factor of their normal matrix; then what the fit leaves [N·m].
         pull: what of the gradient is left where the fit has not quite settled, by that factor: along directions that
             the motion hardly tells, a little of it would pass for a push.
@@ -357,22 +357,30 @@ class _Beside:
         factor = np.linalg.inv(np.linalg.cholesky(inner * np.outer(scale, scale))) * scale
         sums, blocks = problem.sums, slopes(z[: 10 * problem.n].reshape(-1, 10))
         left, each = sums.left(problem.difference(z)), np.eye(sums.columns.shape[2])[None]
-        seen = np.empty((*left.shape, len(moving) + 1))
+        seen = np.empty((*left.T.shape, len(moving) + 1))
         for j in range(problem.n):
-            seen[:, j, :-1] = sums.columns[:, j] @ (factor @ coupling(problem, [j], blocks, each)[moving]).T
-        seen[:, :, -1] = left
+            seen[j, :, :-1] = sums.columns[:, j] @ (factor @ coupling(problem, [j], blocks, each)[moving]).T
+        seen[:, :, -1] = left.T
         return _Beside(problem, seen, factor @ gradient[moving])
 
     def scores(self, candidate: Candidate, edges: npt.NDArray[np.int64], pairs: Pairs) -> Array:
-        """Return (P,) rises of the evidence of a candidate that acts between pairs of edges alone, to first order."""
+        """Return (P,) rises of the evidence of a candidate that acts between pairs of edges alone, to first order.
+
+        Samples before the first of these and after the last, and joints that it does not drive, are not looked at.
+        """
         problem, size, count = self.problem, candidate.size, self.seen.shape[2]
-        columns = problem.sums.spread_out(candidate) * problem.sums.weights[:, :, None]
-        weighted = columns * (problem.share / problem.variance)[:, None]
         products = np.zeros((len(edges), count + size, size))
-        for at, (begin, end) in enumerate(itertools.pairwise(map(int, edges))):
-            mine = weighted[begin:end].reshape(-1, size)
-            products[at + 1, :count] = self.seen[begin:end].reshape(-1, count).T @ mine
-            products[at + 1, count:] = columns[begin:end].reshape(-1, size).T @ mine
+        used = slice(int(np.min(pairs)), int(np.max(pairs)) + 1)
+        spans = list(itertools.pairwise(map(int, edges[used])))
+        for row, j in enumerate(candidate.rows):
+            columns = candidate.columns[:, row] * problem.sums.weights[:, j, None]
+            if not np.any(columns):
+                continue
+            weighted = columns * (problem.share[j] / problem.variance[j])
+            for at, (begin, end) in enumerate(spans, used.start + 1):
+                mine = weighted[begin:end]
+                products[at, :count] += self.seen[j, begin:end].T @ mine
+                products[at, count:] += columns[begin:end].T @ mine
         products = np.cumsum(products, axis=0)
         between = products[pairs[:, 1]] - products[pairs[:, 0]]
         U, G = between[:, : -size - 1], between[:, -size:]

@@ -14,6 +14,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.verdict.locating import locate
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
+from twin_diagram.gap.whole_robot.held_by_friction import told_by_rests
 from twin_diagram.logs import Log
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.model.model import Model
@@ -126,7 +127,8 @@ def places(records: Records, whole: WholeRobot) -> tuple[Place, ...]:
 def suffices(whole: WholeRobot, noise: Array) -> bool:
     """Return whether nothing need be searched for beside what was found of the robot as a whole.
 
-    That is where it lacks many things at once and no joint stands out by what is left.
+    That is where it lacks many things at once and no joint stands out by what is left, but for what dry friction may
+    hold: no name tells that.
 
     Args:
         whole: what was found.
@@ -136,6 +138,8 @@ def suffices(whole: WholeRobot, noise: Array) -> bool:
     poor = whole.left > TUNING.unexplained * whole.before
     above = whole.left / noise  # a large joint's noise is large, too
     aloof = poor & (whole.left > TUNING.aloof * np.median(whole.left)) & (above > TUNING.aloof * np.median(above))
+    if np.any(aloof):
+        aloof &= ~told_by_rests(whole.problem)
     rough = 2 * np.sum(whole.left > TUNING.above * noise) >= n
     many = whole.terms() >= (TUNING.many if rough or 2 * whole.links() >= n else TUNING.most) * n
     return bool(many and not np.any(aloof))

@@ -22,6 +22,7 @@ from twin_diagram.gap.whole_robot.beside_the_usual import TUNING as BESIDE
 from twin_diagram.gap.whole_robot.bounded_step import Chosen
 from twin_diagram.gap.whole_robot.colour_of_noise import quietest, whitened
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
+from twin_diagram.gap.whole_robot.free_level import with_free_level
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.pushes import counted, on_the_innermost, pushes
@@ -137,7 +138,9 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
     """
     terms = terms_of(problem.sums, model)
     last, offsets = last_body(terms), offered(terms, (TorqueBias.name,))
-    steady = [c for c in offered(terms, names) if not any(same(c, other) for other in problem.sums.further)]
+    level = problem.own_deviation[:, OWN.index("bias")]
+    there = [with_free_level(c, level[c.joints[0]]) if c.variant == "curve" else c for c in offered(terms, names)]
+    steady = [c for c in there if not any(same(c, other) for other in problem.sums.further)]
     z = start
     problem, z = pushed_rightly(problem, z, terms)
     for _ in range(TUNING.most):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
-from datetime import datetime
+from datetime import datetime, timezone
 from html import escape
 from typing import Any
 
@@ -16,8 +16,9 @@ COLUMNS = ("robot", "date", "verdict", "effects", "headline", "left", "seconds")
 UNANSWERED = ("failed", "timeout")
 """Verdicts of visits whose logs tell nothing of the robot: a file that lacks is no fault of an arm."""
 
-DAYS = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y")
-"""How days are written, besides ISO 8601, where that says which is first; 3/4/2026 is this day here, that one there."""
+DAYS = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%Y-%m", "%Y-%j", "%Y%m%d", "%Y%m%dT%H%M%S", "%Y-%m-%dT%H:%M:%S")
+"""How days are written, where that says which is first; 3/4/2026 is this day here, that one there. With them stand the
+forms of ISO 8601 that `datetime.fromisoformat` reads in no Python yet, or not in 3.10."""
 
 STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:70rem;padding:0 1rem;color:#1d2733}"
@@ -32,8 +33,8 @@ UNANSWERED_HEAD = (
 )
 """Of the page's table of such visits."""
 
-UNSORTED = "<p>Dates are not all of one kind, so the first day is the first in the table.</p>"
-"""Said of dates that cannot be put in order."""
+UNSORTED = "<p>Dates of {} are not all of one kind, so the first day there is the first in the table.</p>"
+"""Said of robots whose dates cannot be put in order."""
 
 
 def table(lines: Sequence[VisitResult]) -> str:
@@ -49,32 +50,52 @@ def table(lines: Sequence[VisitResult]) -> str:
 
 
 def by_day(lines: Sequence[VisitResult]) -> list[VisitResult]:
-    """Return visits as they came: by days, or by numbers, else as they stand in the table."""
-    return sorted_by_day(lines)[0]
+    """Return visits as they came: by days, or by numbers, else as they stand in the table.
+
+    Where dates of all robots are of no one kind, each robot's visits are put in order by themselves.
+    """
+    whole = in_order(lines)
+    if whole is not None:
+        return whole
+    own = ([line for line in lines if line.robot == robot] for robot in dict.fromkeys(line.robot for line in lines))
+    return [line for each in own for line in in_order(each) or each]
 
 
-def sorted_by_day(lines: Sequence[VisitResult]) -> tuple[list[VisitResult], bool]:
-    """Return visits as they came, and whether their dates say so; if not, they are as they stand in the table."""
+def unsorted_robots(lines: Sequence[VisitResult]) -> list[str]:
+    """Return the robots whose dates do not tell which visit was first."""
+    robots = dict.fromkeys(line.robot for line in lines)
+    return [robot for robot in robots if in_order([line for line in lines if line.robot == robot]) is None]
+
+
+def in_order(lines: Sequence[VisitResult]) -> list[VisitResult] | None:
+    """Return visits as they came; None where their dates are not all of one kind."""
     readings: tuple[Callable[[str], Any], ...] = (float, _day)
     for read in readings:
         try:
-            return sorted(lines, key=lambda line: read(line.date)), True
-        except (ValueError, TypeError):  # another kind; with and without a time zone
+            return sorted(lines, key=lambda line: read(line.date))
+        except ValueError:
             continue
-    return list(lines), False
+    return None
 
 
 def _day(text: str) -> datetime:
-    """Return a day, as ISO 8601 or one of `DAYS` has it; ValueError: neither."""
+    """Return a day, as ISO 8601 or one of `DAYS` has it, where no zone is told of UTC; ValueError: neither."""
+    text = text[:-1] + "+00:00" if text.endswith(("Z", "z")) and "T" in text.upper() else text
     try:
-        return datetime.fromisoformat(text)
+        day = datetime.fromisoformat(text)
     except ValueError:
-        for form in DAYS:
-            try:
-                return datetime.strptime(text, form)
-            except ValueError:
-                continue
-        raise
+        day = _written_otherwise(text)
+    return day if day.tzinfo is not None else day.replace(tzinfo=timezone.utc)
+
+
+def _written_otherwise(text: str) -> datetime:
+    """Return a day as one of `DAYS` has it; ValueError: none has."""
+    for form in DAYS:
+        try:
+            return datetime.strptime(text, form)
+        except ValueError:
+            continue
+    raise ValueError(text)
 
 
 def first_days(lines: Sequence[VisitResult]) -> list[tuple[str, str, str]]:
@@ -112,7 +133,8 @@ def page(lines: Sequence[VisitResult], folders: Sequence[str]) -> str:
         for line in by_day(lines)
         if line.verdict in UNANSWERED
     )
-    unsorted = "" if sorted_by_day(lines)[1] else UNSORTED
+    doubtful = ", ".join(escape(robot) for robot in unsorted_robots(lines))
+    unsorted = UNSORTED.format(doubtful) if doubtful else ""
     rows = "".join(
         f"<tr><td>{escape(line.robot)}</td><td class='day'>{escape(line.date)}</td>{_verdict(line, folder)}"
         f"<td>{escape(line.headline)}</td><td>{'' if line.left is None else f'{100 * line.left:.0f} %'}</td></tr>"
