@@ -131,8 +131,10 @@ def each_once(
 ) -> tuple[PoseHypothesis, ...]:
     """Return poses in their order, without those that a thing's symmetries make the same as one before them.
 
-    That one is as probable as all of them together.
+    That one is as probable as all of them together. Without symmetries all are kept.
     """
+    if not symmetries:
+        return tuple(hypotheses)
     left, kept = list(hypotheses), []
     while left:
         same = _as_first(left, symmetries)
