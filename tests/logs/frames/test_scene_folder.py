@@ -134,6 +134,20 @@ def test_a_depth_camera_may_tell_its_own_scale(folder: Path, taken: Shots) -> No
     np.testing.assert_allclose(FrameFolder(folder).read(1).depth, taken.frames[1].depth, atol=6e-5)
 
 
+@pytest.mark.parametrize("scale", [1.0, 0.1, 0.25])
+def test_depth_at_the_end_of_its_sixteen_bits_is_none(scale: float, folder: Path) -> None:
+    """65535 is what cameras write where they see nothing, and where what is far ends: no wall stands there."""
+    edit(folder, lambda entries: [one.update(depth_scale=scale) for one in entries.values()])
+    path = folder / "depth" / "000001.png"
+    image = np.full((160, 200), 4000, dtype=np.uint16)
+    image[:40], image[40, 0], image[41, 0] = 65535, 0, 65534
+    cv2.imwrite(str(path), image)
+    depth = FrameFolder(folder).read(1).depth
+    assert not depth[:40].any() and depth[40, 0] == 0.0
+    np.testing.assert_allclose(depth[42:], 4.0 * scale, rtol=1e-6)
+    assert depth[41, 0] == pytest.approx(65.534 * scale)
+
+
 def test_distortion_is_taken_out(folder: Path, taken: Shots) -> None:
     (folder / "camera_extra.json").write_text(json.dumps({"distortion": [0.3, 0, 0, 0, 0]}))
     frame, c = FrameFolder(folder).read(0), taken.frames[0].camera

@@ -251,3 +251,13 @@ def test_depth_may_be_an_array_of_floating_point(tmp_path: Path) -> None:
     (folder / "depth" / "0000.npy").write_bytes(b"")
     with pytest.raises(FramesError, match="not a readable array"):
         TransformsFolder(folder).read(0)
+
+
+def test_depth_at_the_end_of_its_sixteen_bits_is_none(tmp_path: Path) -> None:
+    (sent,) = frames(1)
+    folder = write_transforms(tmp_path / "frames", [sent])
+    path = str(folder / "depth" / "0000.png")
+    image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+    image[0, :2] = 65535, 65534
+    cv2.imwrite(path, image)
+    assert TransformsFolder(folder).read(0).depth[0, :2] == pytest.approx([0.0, 6.5534])

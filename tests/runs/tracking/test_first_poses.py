@@ -48,6 +48,13 @@ def test_a_spreadsheets_byte_order_mark_is_no_part_of_a_columns_name(tmp_path: P
     assert [name for name, _, _ in first_poses(path, 0, 48, NUMBERS)] == ["can"]
 
 
+def test_spaces_after_commas_are_no_part_of_columns(tmp_path: Path) -> None:
+    rows = tmp_path / "poses.csv"
+    rows.write_text("im_id, scene_id, obj_id, time, t, R, score\n3, 0, 7, -1, 10 20 700, 1 0 0 0 1 0 0 0 1, 0.9\n")
+    ((name, _, p),) = first_poses(rows, 3, None, {"box": 7})
+    assert name == "box" and p.tolist() == [0.01, 0.02, 0.7]
+
+
 def test_rows_that_lack_a_column_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path, (0, 0, 1, 700), head=HEAD.replace(",t,", ",shift,"))
     with pytest.raises(FramesError, match="line 2 is no BOP result"):

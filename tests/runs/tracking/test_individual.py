@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin_diagram import scenario
-from twin_diagram.perception.registration.alternatives import PoseHypothesis, share_of_first
+from twin_diagram.perception.registration.alternatives import PoseHypothesis, each_once, share_of_first
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.settling import SettledPose
 from twin_diagram.perception.registration.slots import Slot
@@ -99,3 +99,18 @@ def test_a_rival_that_a_frame_tells_of_too_counts_once() -> None:
     assert [h.probability for h in told] == pytest.approx([0.7, 0.3])
     assert share_of_first(told, ()) == pytest.approx(0.7)
     assert share_of_first(told, ((2, 2),)) == pytest.approx(1.0)
+
+
+def test_turns_of_a_round_thing_are_one_pose() -> None:
+    """A bowl was told with thirty hypotheses, of which 26 were turns about its axis: the pose itself had 0.01."""
+    shares = [0.1, 0.3, 0.2, 0.25, 0.15]
+    poses = [(0.0, 0.0), (1.0, 0.0), (2.5, 0.001), (0.7, 0.02), (-2.0, 0.021)]
+    hypotheses = [
+        PoseHypothesis(rotations.matrix(_turn(angle)), np.array([shift, 0.0, 0.0]), np.eye(6), share)
+        for (angle, shift), share in zip(poses, shares, strict=True)
+    ]
+    told = each_once(hypotheses, ((2, 0),))
+    assert [one.probability for one in told] == pytest.approx([0.6, 0.4])
+    assert told[0].R is hypotheses[0].R and told[1].p is hypotheses[3].p
+    assert [one.probability for one in each_once(hypotheses, ())] == shares
+    assert each_once((), ()) == ()

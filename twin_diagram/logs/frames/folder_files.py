@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -12,6 +12,9 @@ import numpy.typing as npt
 
 from twin_diagram.errors import FramesError
 
+UNTOLD: Final = 65535
+"""In depth of 16 bits this is none either: cameras and simulators write it for what they do not see, and what lies
+beyond 65534 steps ends there, too."""
 _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 """Suffixes of the images that OpenCV reads and BOP folders hold."""
 
@@ -91,6 +94,20 @@ def read_image(path: Path, flags: int) -> npt.NDArray[Any]:
     if image is None:
         raise FramesError(f"{path}: not a readable image")
     return image
+
+
+def depth_in_metres(image: npt.NDArray[Any], unit: float) -> npt.NDArray[np.float32]:
+    """Return depth [m], 0 where there is none, of what an image (h, w) of 16 bits or of floating point tells.
+
+    Args:
+        image: as read.
+        unit: of its numbers [m].
+    """
+    metres = np.asarray(image * np.float32(unit), dtype=np.float32)
+    told = np.isfinite(metres) & (metres > 0.0)
+    if image.dtype == np.uint16:
+        told &= image != UNTOLD
+    return np.where(told, metres, np.float32(0.0))
 
 
 def image_of(data: bytes, flags: int) -> npt.NDArray[Any] | None:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.extra_camera import ExtraCamera, read_extra
-from twin_diagram.logs.frames.folder_files import below, in_folder, numbered, read_image, read_json
+from twin_diagram.logs.frames.folder_files import below, depth_in_metres, in_folder, numbered, read_image, read_json
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.signals.arrays import Array
 
@@ -241,7 +241,7 @@ class FrameFolder:
         image = read_image(path, cv2.IMREAD_UNCHANGED)
         if image.dtype != np.uint16 or image.ndim != 2:
             raise FramesError(f"{path}: depth must be one channel of 16 bits, not {image.dtype} of shape {image.shape}")
-        return np.asarray(image * np.float32(self._scales[number] / 1000.0), dtype=np.float32)
+        return depth_in_metres(image, self._scales[number] / 1000.0)
 
     def _colour(self, number: int) -> Image | None:
         if number not in self._rgb:

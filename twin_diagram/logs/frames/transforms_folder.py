@@ -2,10 +2,10 @@
 
 (https://docs.nerf.studio/quickstart/data_conventions.html) Poses are camera to world with OpenGL's axes: x right, y up,
 z backwards; here C is x right, y down, z forwards. There a pixel's centre lies at (u + 0.5, v + 0.5), here at (u, v).
-Depth is 16 bits or floating point, also as `.npy`; its unit is `depth_unit_scale_factor` [m], a millimetre where the
-file does not say. Where it has fewer pixels than its picture, as a telephone's lidar has, picture, mask and lens come
-to its grid. What a lens bends (k1, k2, k3, p1, p2) is taken out. What was done to the poses after they were measured
-(`applied_transform`, 3 × 4 or 4 × 4, and `applied_scale`) is undone: depth is in metres.
+Depth is 16 bits (0 and 65535: none) or floating point, also as `.npy`; its unit is `depth_unit_scale_factor` [m], a
+millimetre where the file does not say. Where it has fewer pixels than its picture, as a telephone's lidar has, picture,
+mask and lens come to its grid. What a lens bends (k1, k2, k3, p1, p2) is taken out. What was done to the poses after
+they were measured (`applied_transform`, 3 × 4 or 4 × 4, and `applied_scale`) is undone: depth is in metres.
 
 `hand_boxes` is this project's own: of each grasp, where the hand's frame was (`transform_matrix`, among the cameras'
 poses) and the lowest and highest corners of boxes that the hand filled, in its frame [m].
@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.errors import FramesError
-from twin_diagram.logs.frames.folder_files import in_folder, read_image, read_json
+from twin_diagram.logs.frames.folder_files import depth_in_metres, in_folder, read_image, read_json
 from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.scene_folder import RgbdFrame, read_mask
 from twin_diagram.logs.frames.view_camera import ViewCamera
@@ -120,8 +120,7 @@ class TransformsFolder:
             raw = raw[..., 0]
         if raw.ndim != 2 or not (raw.dtype == np.uint16 or raw.dtype.kind == "f") or raw.size == 0:
             raise FramesError(f"{path}: depth must be one channel of 16 bits or of floating point")
-        metres = np.asarray(raw * np.float32(self._unit), dtype=np.float32)
-        return np.where(np.isfinite(metres) & (metres > 0.0), metres, np.float32(0.0))
+        return depth_in_metres(raw, self._unit)
 
     def _mask(self, path: Path, size: tuple[int, ...]) -> npt.NDArray[np.bool_]:
         """Return a mask on depth's grid (h, w)."""

@@ -10,7 +10,7 @@ hypothesis of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -123,10 +123,34 @@ def share_of_first(hypotheses: Sequence[PoseHypothesis], symmetries: tuple[tuple
         hypotheses: whose probabilities sum to 1.
         symmetries: of the thing; see `assets.symmetry.parsed`.
     """
-    first, share = hypotheses[0], np.array([one.probability for one in hypotheses])
+    return float(np.array([one.probability for one in hypotheses])[_as_first(hypotheses, symmetries)].sum())
+
+
+def each_once(
+    hypotheses: Sequence[PoseHypothesis], symmetries: tuple[tuple[int, int], ...]
+) -> tuple[PoseHypothesis, ...]:
+    """Return poses in their order, without those that a thing's symmetries make the same as one before them.
+
+    That one is as probable as all of them together. Without symmetries all are kept.
+    """
+    if not symmetries:
+        return tuple(hypotheses)
+    left, kept = list(hypotheses), []
+    while left:
+        same = _as_first(left, symmetries)
+        kept.append(replace(left[0], probability=share_of_first(left, symmetries)))
+        left = [one for one, is_same in zip(left, same, strict=True) if not is_same]
+    return tuple(kept)
+
+
+def _as_first(hypotheses: Sequence[PoseHypothesis], symmetries: tuple[tuple[int, int], ...]) -> npt.NDArray[np.bool_]:
+    """Return (N,) which poses a thing's symmetries make the same as the first, itself among them."""
+    first = hypotheses[0]
     turned = symmetry.apart(first.R, np.stack([one.R for one in hypotheses]), symmetries)
     moved = np.linalg.norm(np.stack([one.p for one in hypotheses]) - first.p, axis=1)
-    return float(share[(turned < TUNING.apart[0]) & (moved < TUNING.apart[1])].sum())
+    same = (turned < TUNING.apart[0]) & (moved < TUNING.apart[1])
+    same[0] = True
+    return np.asarray(same)
 
 
 def votes(looked: Looked, frame: Frame, spacing: float) -> float:

@@ -31,6 +31,10 @@ class Tuning:
     rim: tuple[float, float] = (0.03, 0.6)
     """Outlines begin this high, or at this share: the lower rim is where the table begins."""
 
+    sunk: float = 6.0
+    """Outlines begin no lower than so many deviations of a height above the table: what stands out of it by four is
+    a thing's (`segmentation`), and of what stands out by no more than that half is taken for the table."""
+
     closed: float = 1.2
     """Gaps between projected points are closed up to so many of the model's spacings."""
 
@@ -131,7 +135,8 @@ def outline(model: ModelCloud, frame: Frame, segments: Segments, one: Registered
     points = model.points @ one.R.T + one.p
     height = height_above(frame.table, points)
     top = float(height.max())
-    low, rim = (min(most, share * top) for most, share in (TUNING.low, TUNING.rim))
+    least = TUNING.sunk * _height_noise(frame, one.p)
+    low, rim = (max(least, min(most, share * top)) for most, share in (TUNING.low, TUNING.rim))
     points, height = points[height > low], height[height > low]
     if not len(points):
         return None
@@ -165,6 +170,14 @@ def outline(model: ModelCloud, frame: Frame, segments: Segments, one: Registered
     way = _outward(frame, points[index], _slopes(inward, at))
     J = np.hstack([moves(way, points[index] - one.p, one.R), np.ones((len(at), 1))])
     return Outline(J, apart, outside, missed)
+
+
+def _height_noise(frame: Frame, p: Array) -> float:
+    """Return the standard deviation of heights above the table that depth shows at a place (3,) in W [m]."""
+    camera, up = frame.camera, np.array([-frame.table[0], -frame.table[1], 1.0])
+    ray = p - camera.p_WC
+    z = max(float(ray @ camera.R_WC[:, 2]), TUNING.nearest)
+    return float(camera.depth_noise(np.array(z))) * abs(float(ray @ up)) / (z * float(np.linalg.norm(up)))
 
 
 def _share(part: Mask, whole: Mask) -> float:

@@ -70,7 +70,7 @@ def first_poses(
 def _rows(path: Path) -> list[ToldPose]:
     """Return all rows of BOP results; of what has no score it is 1, and what has no scene_id is of scene 0."""
     try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise FramesError(f"{path}: cannot be read: {error}") from None
     if rows and "im_id" not in rows[0]:

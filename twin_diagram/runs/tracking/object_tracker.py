@@ -10,7 +10,7 @@ import numpy as np
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.perception.registration.alternatives import PoseHypothesis, share_of_first
+from twin_diagram.perception.registration.alternatives import PoseHypothesis, each_once, share_of_first
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_shift import ColourShift
 from twin_diagram.perception.registration.data_association import Poses
@@ -291,8 +291,10 @@ class ObjectTracker:
             usual = slot.alike if found is not None else 0.0
             fits = min(shape, float(fit.likeness[0]) / (BELIEF.alike * usual)) if usual > 0.0 else shape
             there = one.believed(found is not None, fits, whole, since, slot.aloft)
-            if shown.hypotheses:
-                one.posed = share_of_first(shown.hypotheses, self._symmetries(one))
+            about = tuple(pair for pair in self._symmetries(one) if not pair[1])
+            possible = each_once(shown.hypotheses, about)
+            if possible:
+                one.posed = share_of_first(possible, self._symmetries(one))
             named = one.named(slot.named, model, frame, at if found is not None else None)
             sure = there * named * min(one.posed, probability(slot.odds))
             life = ObjectStatus(int(status[k])).name.lower()
@@ -301,9 +303,9 @@ class ObjectTracker:
             if found is not None and status[k] == ObjectStatus.STALE:
                 life = ObjectStatus.TRACKED.name.lower()  # to the filter the first pose elsewhere is an outlier
             visible = whole if found is not None else whole * shape
-            only = shown.hypotheses or (PoseHypothesis(R, p, shown.spread, 1.0),)
+            only = possible or (PoseHypothesis(R, p, shown.spread, 1.0),)
             name = self.names[one.asset]
-            free = tuple(sorted({axis for axis, count in self._symmetries(one) if not count}))
+            free = tuple(sorted({axis for axis, _ in about}))
             how = (found is not None, named, slot.by_shape, free)
             result.append(TrackedObject(one.track, name, life, sure, visible, R, p, shown.spread, only, (), *how))
         return result
