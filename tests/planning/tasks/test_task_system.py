@@ -17,7 +17,7 @@ from twin_diagram.errors import ScenarioError
 from twin_diagram.model.description.add_arm import add_arm
 from twin_diagram.model.model import Model
 from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, TaskState, Why
-from twin_diagram.planning.tasks.step_view import Takeable
+from twin_diagram.planning.tasks.step_view import PackedRows, Takeable
 from twin_diagram.planning.tasks.task_system import Fingers, TaskRunner
 from twin_diagram.planning.tasks.watching_hand import watched
 from twin_diagram.scenario import load_scenario
@@ -74,6 +74,22 @@ class Run:
 
     def get(self, name: str) -> np.ndarray:
         return np.array(self.runner.GetOutputPort(name).Eval(self.context))
+
+
+def test_rows_are_unpacked_once_and_only_those_that_are_asked_for() -> None:
+    seen: list[float] = []
+
+    def unpack(row: np.ndarray) -> float:
+        seen.append(float(row[0]))
+        return float(row[0])
+
+    given = np.arange(8.0).reshape(4, 2)
+    rows = PackedRows(given, unpack)
+    given[:] = 0.0
+    assert len(rows) == 4 and rows[1] == 2.0 and rows[1] == 2.0 and seen == [2.0]
+    assert rows[2:] == [4.0, 6.0] and list(rows) == [0.0, 2.0, 4.0, 6.0] and len(seen) == 4
+    with pytest.raises(IndexError):
+        rows[4]
 
 
 def test_nothing_begins_before_start_or_the_arms_first_message(runner: TaskRunner, model: Model) -> None:

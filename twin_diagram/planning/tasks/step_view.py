@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar, overload
 
 import numpy as np
 
@@ -11,6 +12,41 @@ from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.planning.tasks.in_hand import Eye
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import PoseMeasurement, Track
+
+Read = TypeVar("Read")
+"""What a packed row stands for."""
+
+
+class PackedRows(Sequence[Read], Generic[Read]):
+    """Rows of which each is unpacked once it is asked for: a step looks at one or two objects of all."""
+
+    def __init__(self, rows: Array, unpack: Callable[[Array], Read]) -> None:
+        """Keep a copy of the rows.
+
+        Args:
+            rows: (K, size).
+            unpack: of one row.
+        """
+        self._rows, self._unpack = np.array(rows), unpack
+        self._known: dict[int, Read] = {}
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, index: int) -> Read: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Read]: ...
+
+    def __getitem__(self, index: int | slice) -> Read | list[Read]:
+        """Return what a row stands for, or some; raises IndexError for one that is not there."""
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        if index not in self._known:
+            self._known[index] = self._unpack(self._rows[index])
+        return self._known[index]
 
 
 @dataclass(frozen=True)

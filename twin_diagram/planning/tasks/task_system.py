@@ -25,7 +25,7 @@ from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.planning.tasks.in_hand import Eye
 from twin_diagram.planning.tasks.slips import told_of
 from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, TaskState
-from twin_diagram.planning.tasks.step_view import StepView, Takeable
+from twin_diagram.planning.tasks.step_view import PackedRows, StepView, Takeable
 from twin_diagram.planning.tasks.transitions import advance
 from twin_diagram.runtime.timing import timed
 from twin_diagram.scenario.lenses import calibration_error, colour_lens
@@ -309,8 +309,8 @@ class TaskRunner(LeafSystem):
             now=context.get_time(),
             X_WT=from_matrix(self._model.tool_pose(q).GetAsMatrix4()),
             speed=speed,
-            tracks=[Track.unpack(row) for row in tracks],
-            measured=[PoseMeasurement.unpack(row) for row in measured],
+            tracks=PackedRows(tracks, Track.unpack),
+            measured=PackedRows(measured, PoseMeasurement.unpack),
             opening=self._fingers.opening(fingers[:g]),
             finger_speed=float(np.abs(fingers[g:]).max(initial=0.0)),
             widest=self._fingers.widest,
