@@ -13,6 +13,7 @@ from pydrake.geometry import (
     GeometryInstance,
     Mesh,
     PerceptionProperties,
+    QueryObject,
     Rgba,
     SceneGraph,
 )
@@ -86,6 +87,32 @@ def test_of_two_pictures_only_what_moves_is_drawn_twice(both: tuple[WorldRendere
         assert (np.abs(second - whole).max(axis=-1) > 1).sum() <= 3
         assert (np.abs(first - whole).max() > 20) == (moved is not q and np.abs(moved - q).max() > 1e-6)
     assert vtk.colours(q, thing, VIEW, X_WC)[0] is not None
+
+
+def test_a_picture_asks_for_each_frame_s_pose_once(
+    both: tuple[WorldRenderer, WorldRenderer, Array], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second call for all frames takes 4 % of a picture's time."""
+    drawn, _, q = both
+    world, asked = drawn._drawn, 0
+    assert world is not None
+    poses = world.poses
+
+    def counted(query: QueryObject) -> tuple[Array, Array]:
+        nonlocal asked
+        asked += 1
+        R, p = poses(query)
+        for frame, rotation, place in zip(world._shapes.frames, R, p, strict=True):
+            X_WF = query.GetPoseInWorld(frame)
+            np.testing.assert_array_equal(rotation, X_WF.rotation().matrix())
+            np.testing.assert_array_equal(place, X_WF.translation())
+        return R, p
+
+    monkeypatch.setattr(world, "poses", counted)
+    moved = q.copy()
+    moved[:7] += 0.01
+    drawn.colours(q, moved, VIEW, X_WC)
+    assert asked == 2
 
 
 def test_labels_are_drakes_but_at_edges(both: tuple[WorldRenderer, WorldRenderer, Array]) -> None:

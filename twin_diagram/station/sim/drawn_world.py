@@ -66,8 +66,11 @@ class DrawnWorld:
 
     def colour(self, query: Any, lens: Lens, X_WC: RigidTransform) -> Colour:
         """Return the colours (H, W, 4) that a lens without distortion at X_WC sees, of a SceneGraph's QueryObject."""
-        shapes = self._shapes
-        R, p = self.poses(query)
+        return self.coloured(self.poses(query), lens, X_WC)
+
+    def coloured(self, poses: tuple[Array, Array], lens: Lens, X_WC: RigidTransform) -> Colour:
+        """Return what `colour` does, of frames at poses as `poses` tells them."""
+        shapes, (R, p) = self._shapes, poses
         normals = raster_kernels.moved(shapes.normals, shapes.frame, R, np.zeros_like(p))
         light = raster_kernels.lit(normals, self._lights)
         points, _, who = self._draw(R, p, lens, X_WC, self._samples)
@@ -89,14 +92,15 @@ class DrawnWorld:
             X_WC: the camera's pose.
         """
         result = image.copy()
-        part = self._changed(before, self.poses(query), lens, X_WC)
+        now = self.poses(query)
+        part = self._changed(before, now, lens, X_WC)
         if part is not None:
             rows, columns = part
             window = Lens(
                 columns.stop - columns.start, rows.stop - rows.start, lens.fx, lens.fy,
                 lens.cx - columns.start, lens.cy - rows.start,
             )  # fmt: skip
-            result[rows, columns] = self.colour(query, window, X_WC)
+            result[rows, columns] = self.coloured(now, window, X_WC)
         return result
 
     def depth(self, query: Any, lens: Lens, X_WD: RigidTransform, least: float, most: float) -> Depth:
@@ -130,8 +134,8 @@ class DrawnWorld:
 
     def poses(self, query: Any) -> tuple[Array, Array]:
         """Return R_WF (B, 3, 3) and p_WF (B, 3) of all frames."""
-        X_WF = [query.GetPoseInWorld(frame) for frame in self._shapes.frames]
-        return np.array([X.rotation().matrix() for X in X_WF]), np.array([X.translation() for X in X_WF])
+        both = np.array([query.GetPoseInWorld(frame).GetAsMatrix34() for frame in self._shapes.frames])
+        return np.ascontiguousarray(both[..., :3]), np.ascontiguousarray(both[..., 3])
 
     def _draw(
         self, R_WF: Array, p_WF: Array, lens: Lens, X_WC: RigidTransform, samples: Array

@@ -139,8 +139,8 @@ class WorldRenderer:
         if self._drawn is None:
             # A renderer's image is its own until the next: copied.
             return self.colour(first, view, X_WC).copy(), self.colour(second, view, X_WC)
-        query = self._at(first)
-        image, poses = self._drawn.colour(query, view.straight, X_WC), self._drawn.poses(query)
+        poses = self._drawn.poses(self._at(first))
+        image = self._drawn.coloured(poses, view.straight, X_WC)
         again = self._drawn.again(image, poses, self._at(second), view.straight, X_WC)
         return view.colour(image), view.colour(again)
 
