@@ -272,8 +272,9 @@ def scrambled(value: Any, kind: Any, rng: random.Random) -> Any:
         return {f.name: scrambled((value or {}).get(f.name), f.type, rng) for f in dataclasses.fields(kind)}
     if origin is list:
         result = [scrambled(sub, arguments[0], rng) for sub in value or [None, None]]
-        rng.shuffle(result)
-        return result
+        order = rng.sample(result, len(result))
+        # Shuffled, one of them may be what stood there before.
+        return result if any(a == b for a, b in zip(order, value or [], strict=False)) else order
     if origin is dict:
         return {f"thing_{k}": scrambled(sub, arguments[1], rng) for k, sub in enumerate((value or {"": None}).values())}
     if kind is bool:

@@ -54,9 +54,7 @@ def add_asset_commands(commands: Any) -> None:
     remove = add_command(ways, "remove", "take an asset out of a library")
     remove.add_argument("name", help="of the asset")
     remove.set_defaults(command=_remove)
-    improve = ways.add_parser(
-        "improve", help="hold an asset more closely by CoACD's convex pieces, which takes minutes"
-    )
+    improve = add_command(ways, "improve", "hold an asset more closely by CoACD's convex pieces, which takes minutes")
     improve.add_argument("name")
     improve.add_argument("--limit", type=float, metavar="S", help="give up after so long [s] (default: 600)")
     improve.set_defaults(command=_improve)

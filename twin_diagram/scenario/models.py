@@ -61,9 +61,9 @@ class ArmModel:
     """Finger joints; empty: the actuated prismatic joints that are not the arm's, and such revolute ones."""
     tool_frame: str = "panda_tcp"
     """Frame that reaches goals; empty: the last link's own. For a pick it lies between the finger tips, z along the
-    approach and y along the closing …"""
+    approach and y along the closing."""
     X_FG: Pose = field(default_factory=Pose)
-    """… and where the description F = `tool_frame` lies elsewhere, what reaches goals lies there in F [m], [rad]."""
+    """Where in F, which is `tool_frame`, what reaches goals lies: for a description that names no such frame [m]."""
     effects: list[EffectSpec] = field(default_factory=list)
     """What the description alone lacks."""
 
