@@ -12,22 +12,12 @@ import pickle
 import queue
 import struct
 import threading
-from dataclasses import dataclass
 from typing import BinaryIO, Final
+
+from twin_diagram.runtime.child_process import ORPHANED
 
 LENGTH: Final = struct.Struct("<Q")
 """Goes before each message: how many bytes it has."""
-
-
-@dataclass(frozen=True)
-class Tuning:
-    """Constants of this module, with their units and what set them."""
-
-    orphaned: int = 3
-    """Exit status where the starter is gone."""
-
-
-TUNING = Tuning()
 
 
 def send(stream: BinaryIO, message: bytes) -> None:
@@ -73,7 +63,7 @@ def _read(incoming: queue.Queue[bytes]) -> None:
         while True:
             incoming.put(receive(stream))
     except EOFError:
-        os._exit(TUNING.orphaned)
+        os._exit(ORPHANED)
 
 
 if __name__ == "__main__":

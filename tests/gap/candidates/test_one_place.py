@@ -173,6 +173,9 @@ def spec_of(name: str) -> EffectSpec:
     )
 
 
+ALONE = ("actuator_fault", "external_force", "inertial_parameters", "payload", "torque_ripple")
+
+
 @pytest.mark.parametrize("name", ALONG)
 def test_every_effect_of_the_catalogue_has_a_whole_record(name: str) -> None:
     record = RECORDS[name]
@@ -190,6 +193,8 @@ def test_every_effect_of_the_catalogue_has_a_whole_record(name: str) -> None:
         assert experiment(name, other) in trajectories.MAKERS
     values = {key: [value[0]] for key, value in spec_of(name).parameters.items()}
     both = record.merge(values, values) if name not in ("inertial_parameters", "external_force") else None
+    # Two pushes, loads, ripples, faults or links stay beside each other: their numbers cannot be summed.
+    assert (both is None) == (name in ALONE)
     assert both is None or set(both) == set(values)
     assert record.leading == tuple(key for key in record.leading if key in record.effect.kinds)
     for keys in (record.keys, record.keys_on_prismatic, record.adds, record.logarithmic, record.untold, record.held):

@@ -42,7 +42,8 @@ def test_a_thing_does_not_stand_on_its_own_lid(height: float) -> None:
         held |= (places @ sides[:, :3].T + sides[:, 3] <= 0.0).all(axis=1)
     assert held.mean() > 0.95
     _, support = picture_of(seen, own, np.eye(3), np.zeros(3))
-    # A thing's picture keeps the table with it, if any plane: never its lid.
+    # A low thing's picture keeps the table with it, a high one's nothing: never its lid.
+    assert (support is None) == (height > 0.1)
     assert support is None or abs(support.plane[3]) < 0.005
 
 

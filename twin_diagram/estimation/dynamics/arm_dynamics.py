@@ -345,10 +345,10 @@ class ArmTerms:
         alpha = acceleration[:3] + bias.rotational()
         lift = acceleration[3:] + bias.translational() - self._gravity
         omega = J[:3] @ v
-        spin = _cross(omega)
+        spin = skew(omega)
         Y = np.empty((self.n, 4))
         Y[:, 0] = J[3:].T @ lift
-        Y[:, 1:] = (J[3:].T @ (_cross(alpha) + spin @ spin) - J[:3].T @ _cross(lift)) @ R_WL
+        Y[:, 1:] = (J[3:].T @ (skew(alpha) + spin @ spin) - J[:3].T @ skew(lift)) @ R_WL
         return Y
 
 
@@ -387,7 +387,8 @@ def _joint(plant: MultibodyPlant, name: str) -> Any:
     raise ModelError(f"no joint {name!r} in the plant")
 
 
-def _cross(w: Array) -> Array:
+def skew(w: Array) -> Array:
+    """Return (3, 3) of the cross product with w (3,)."""
     return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
 
 

@@ -19,11 +19,6 @@ _CROSS: Final = np.array(
 """(3, 3, 3): a × b is _CROSS_ijk a_j b_k."""
 
 
-def skew(w: Array) -> Array:
-    """Return (3, 3) of the cross product with w."""
-    return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-
-
 @dataclass(frozen=True)
 class LinkMotion:
     """A frame F on the arm at one moment; all in W.

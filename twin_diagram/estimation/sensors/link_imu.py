@@ -8,8 +8,8 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 
-from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.dynamics.link_frame import skew, turned_acceleration, turned_rate
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, skew
+from twin_diagram.estimation.dynamics.link_frame import turned_acceleration, turned_rate
 from twin_diagram.estimation.sensors.accelerated_sensor import AcceleratedSensor
 from twin_diagram.estimation.sensors.sensor import Instant, Linear
 

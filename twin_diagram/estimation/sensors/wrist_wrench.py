@@ -9,8 +9,8 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 
-from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms
-from twin_diagram.estimation.dynamics.link_frame import LinkFrame, LinkMotion, skew
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, skew
+from twin_diagram.estimation.dynamics.link_frame import LinkFrame, LinkMotion
 from twin_diagram.estimation.sensors.accelerated_sensor import AcceleratedSensor
 from twin_diagram.estimation.sensors.sensor import Instant, Linear
 from twin_diagram.signals.arrays import Array

@@ -6,7 +6,6 @@ G, as picks take it: origin between the tips, z along the approach, y along the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any, cast
 
 import numpy as np
@@ -73,9 +72,7 @@ def between_fingers(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) ->
     half = _at(plant, arm, 0.5)
     shapes = [_points(plant, scene_graph, half, last, body) for body in bodies]
     one, other = (
-        np.concatenate(
-            [np.zeros((0, 3)), *chain(points for points, s in zip(shapes, side, strict=True) if sign * s > 0)]
-        )
+        np.concatenate([np.zeros((0, 3)), *(points for points, s in zip(shapes, side, strict=True) if sign * s > 0)])
         for sign in (1.0, -1.0)
     )
     if not (len(one) and len(other)):
