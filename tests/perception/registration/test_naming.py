@@ -134,6 +134,16 @@ def test_colours_that_fit_one_way_round_alone_speak_beside_those_of_which_many_f
     assert told_by_colours(box, asked, replace(little, likeness=one.shape, quality=one.shape)) == 3.0
 
 
+def test_colours_say_nothing_where_the_image_shows_a_plain_thing(box: Known) -> None:
+    """A forearm's white end fitted four fifths of a carton's colours, and was named one with 0.9."""
+    thing = standing(box, np.ones(3))
+    for grey in (False, True):
+        view = seen(thing, grey)
+        one = at(box, thing, view)
+        fitting = replace(one, likeness=0.75 * one.shape, quality=0.9 * one.shape)
+        assert told_by_colours(box, view, fitting) == (0.0 if grey else 3.0)
+
+
 def test_a_grey_box_is_found_by_its_shape_turned_as_may_be_and_a_stretched_one_is_not(box: Known) -> None:
     thing = standing(box, np.ones(3))
     view = seen(thing, grey=True)
@@ -200,7 +210,17 @@ def test_names_are_the_mean_of_what_images_told_and_certain_where_somebody_said_
     one = Naming(1.0, 1).after(Naming(3.0, 1)).after(Naming(-5.0, 0))
     assert (one.odds, one.looks) == (2.0, 2) and not one.settled
     assert Naming(1.0, TUNING.looks).settled
-    assert one.pack().shape == (NAMING_SIZE,) and Naming.unpack(one.pack()) == one
+    assert one.pack().shape == (NAMING_SIZE,) and Naming.unpack(one.pack()) == one and one.asked == 2
+
+
+def test_names_follow_what_colours_tell_until_shape_has_the_word() -> None:
+    """A carton was named by the first image of a forearm's end, and no later one that showed it plain changed that."""
+    one = Naming(2.5)
+    for _ in range(20):
+        one = one.after(Naming(-0.5))
+    assert one.odds == pytest.approx(-0.5, abs=0.02) and (one.looks, one.asked) == (0, 20)
+    assert one.after(Naming(4.0, 1)) == Naming(4.0, 1, 21), "shape's first word is the mean of one"
+    assert Naming().after(Naming(-0.5)).odds == Naming().odds, "somebody said so"
 
 
 def test_what_hardly_stands_out_of_the_table_has_no_outline_that_speaks_against_its_name(tmp_path: Path) -> None:

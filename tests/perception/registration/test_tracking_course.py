@@ -331,14 +331,14 @@ def test_a_slot_comes_back_from_its_vector() -> None:
         2.0,
         True,
         0.01 * np.arange(6.0),
-        Naming(1.5, 2),
+        Naming(1.5, 2, 7),
         True,
     )
     packed = one.pack()
-    assert packed.shape == (SLOT_SIZE,) == (29,)
+    assert packed.shape == (SLOT_SIZE,) == (30,)
     back = Slot.unpack(packed)
     assert (back.known, back.seen, back.next_search, back.attempts) == (True, 1.5, 2.5, 3)
-    assert (back.alike, back.odds, back.aloft, back.named) == (0.8, 2.0, True, Naming(1.5, 2)) and back.by_shape
+    assert (back.alike, back.odds, back.aloft, back.named) == (0.8, 2.0, True, Naming(1.5, 2, 7)) and back.by_shape
     for name in ("R", "p", "velocity", "aside"):
         np.testing.assert_allclose(getattr(back, name), getattr(one, name), atol=1e-12)
     assert not Slot.unpack(Slot().pack()).known

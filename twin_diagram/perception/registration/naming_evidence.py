@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_diagram.perception.registration.colour_contrast import painted_alike
 from twin_diagram.perception.registration.colour_margin import turn_speaks
 from twin_diagram.perception.registration.naming import TUNING as NAMING
 from twin_diagram.perception.registration.naming import Naming
@@ -119,8 +120,13 @@ def colours_speak(known: Known, one: RegisteredPose) -> float:
 
 
 def told_by_colours(known: Known, view: View, one: RegisteredPose) -> float:
-    """Return by how much colours speak for a thing's name: as many fit, or they fit this way round alone [nat]."""
+    """Return by how much colours speak for a thing's name: as many fit, or they fit this way round alone [nat].
+
+    What fits on a plain thing, where the object has paint, says nothing.
+    """
     spoken = colours_speak(known, one)
+    if spoken > 0.0:
+        spoken *= painted_alike(known.model, view.frame, one)
     if spoken >= TUNING.colours[1] or not view.params.told_by_shape:
         return spoken
     return max(spoken, turn_speaks(known.model, view.frame, one))

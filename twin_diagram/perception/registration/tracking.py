@@ -261,7 +261,7 @@ def _asked(
     open_ = [k for k, one in tracked.items() if not slots[k].named.settled and one.visible_share >= NAMING.shown]
     if not open_:
         return dict(tracked)
-    k = min(open_, key=lambda k: (slots[k].named.looks, k))
+    k = min(open_, key=lambda k: (slots[k].named.looks, slots[k].named.asked, k))
     named = slots[k].named.after(naming(library[k], view, tracked[k]))
     return {**tracked, k: replace(tracked[k], named=named)}
 
