@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,12 +81,27 @@ def orbit(count: int, look_at: Array, distance: float = 0.6, seed: int = 0) -> l
         azimuth = 2 * np.pi * (k * 0.381966 + 0.02 * rng.standard_normal())
         height = np.radians(10 + 72 * ((k + 0.5) / count) + 2 * rng.standard_normal())
         away = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)])
-        z = -away
-        x = np.cross(z, [0.0, 0, 1])
-        x /= np.linalg.norm(x)
-        R = np.stack([x, np.cross(z, x), z], axis=1)
-        cameras.append(ViewCamera(640, 480, 600.0, 600.0, 319.5, 239.5, R, look_at + away * distance))
+        cameras.append(looking(look_at + away * distance, -away))
     return cameras
+
+
+def rings(count: int, look_at: Array, elevations: Sequence[float], distance: float = 0.6) -> list[ViewCamera]:
+    """Return about `count` cameras, 640×480, evenly around an object at each elevation above its middle [deg]."""
+    cameras = []
+    each = max(1, count // len(elevations))
+    for height in np.radians(elevations):
+        for azimuth in 2 * np.pi * np.arange(each) / each:
+            away = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)])
+            cameras.append(looking(look_at + away * distance, -away))
+    return cameras
+
+
+def looking(p_WC: Array, z: Array) -> ViewCamera:
+    """Return a camera, 640×480, that looks along a unit vector with the ground below."""
+    x = np.cross(z, [0.0, 0, 1])
+    x /= np.linalg.norm(x)
+    R = np.stack([x, np.cross(z, x), z], axis=1)
+    return ViewCamera(640, 480, 600.0, 600.0, 319.5, 239.5, R, p_WC)
 
 
 class Studio:
@@ -176,14 +192,19 @@ def pictures(
     seed: int = 0,
     distance: float = 0.6,
     others: list[TrueObject] | None = None,
+    elevations: Sequence[float] = (),
 ) -> list[Picture]:
-    """Return pictures whose told poses are off by `off` (RMS length [m], RMS angle [rad]); `others` stand beside."""
+    """Return pictures whose told poses are off by `off` (RMS length [m], RMS angle [rad]); `others` stand beside.
+
+    They are taken on a spiral, or on rings at `elevations` [deg].
+    """
     studio = Studio(item, others)
     rng = np.random.default_rng([seed, 3])
     fixed = waves((480, 640), seed)
     made = []
     look_at = np.array([0.0, 0.0, item.vertices[:, 2].max() / 2])
-    for camera in orbit(count, look_at, distance, seed):
+    cameras = rings(count, look_at, elevations, distance) if elevations else orbit(count, look_at, distance, seed)
+    for camera in cameras:
         depth, rgb, mask, cosine = studio.cast(camera)
         turn = rotations.matrix(rotations.exp(rng.standard_normal(3) * off[1] / np.sqrt(3)))
         told = camera.moved(camera.R_WC @ turn, camera.p_WC + rng.standard_normal(3) * off[0] / np.sqrt(3))

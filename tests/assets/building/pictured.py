@@ -117,3 +117,17 @@ def write(taken: Shots, folder: Path, depth_scale: float = 0.1) -> Path:
         }
     (folder / "scene_camera.json").write_text(json.dumps(entries))
     return folder
+
+
+def rings(count: int, elevations: tuple[float, ...], middle: float, distance: float = 0.35) -> list[ViewCamera]:
+    """Cameras all around, so many at each elevation [deg]."""
+    made = []
+    for elevation in elevations:
+        for k in range(count):
+            azimuth, height = 2 * np.pi * k / count, np.radians(elevation)
+            away = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)])
+            x = np.cross(-away, [0.0, 0, 1])
+            x /= np.linalg.norm(x)
+            R = np.stack([x, np.cross(-away, x), -away], axis=1)
+            made.append(ViewCamera(200, 160, 300.0, 300.0, 99.5, 79.5, R, away * distance + [0, 0, middle]))
+    return made

@@ -9,7 +9,7 @@ import trimesh
 from tests.assets.building.pictured import box, cameras, cup, shots
 from twin_diagram.assets.building.depth_view import make_view
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid
-from twin_diagram.assets.building.inertia import Hollow, enclosed, less
+from twin_diagram.assets.building.inertia import enclosed, less
 from twin_diagram.assets.building.reconstruct import reconstruct
 from twin_diagram.assets.building.shape_errors import Doubt, ShapeErrors, shape_errors, unseen_cells
 from twin_diagram.logs.frames.view_camera import ViewCamera
@@ -28,7 +28,7 @@ def from_above(covariance: np.ndarray, places: np.ndarray, chance: np.ndarray, c
         mesh = mesh.subdivide()
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     centre = np.array([0.0, 0.0, 0.015])
-    doubt = Doubt(covariance[None], centre, False, places, chance, cell)
+    doubt = Doubt(covariance[None], centre, False, places, chance, chance >= 0, cell)
     return shape_errors(vertices, faces, [make_view(camera, frame.depth)], 1e-9, doubt, centre, np.eye(3))
 
 
@@ -65,10 +65,11 @@ def test_unseen_cells_lie_between_free_ones_not_deep_within() -> None:
     shell[5:25, 5:25, 5:25] = True
     shell[7:23, 7:23, 7:23] = False
     distance[shell], known[shell] = -0.001, True
-    grid = FusionGrid(np.zeros(3), 0.001, distance.shape)
-    assert not len(unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known))[0])
+    grid, none = FusionGrid(np.zeros(3), 0.001, distance.shape), np.zeros(distance.shape, np.float32)
+    assert not len(unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known), none)[0])
     known[12:18, 12:18, 5:7] = False  # a hole into which no view looked
-    at, chance = unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known))
+    at, chance, inside = unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known), none)
+    assert inside.all()
     outermost = at[:, 2] < 0.0055
     assert (0 < chance).all() and (chance <= 1).all() and chance[outermost].min() > chance[~outermost].max()
     assert 0 < len(at) <= 72 and (np.abs(at[:, :2] - 0.0145) < 0.003).all() and at[:, 2].max() < 0.0085
@@ -83,7 +84,7 @@ def test_a_cups_volume_lies_within_what_is_told() -> None:
     )
     found = reconstruct(wrong)
     full, doubt = enclosed(found.vertices, found.faces, "surface"), found.doubt
-    body = less(full, Hollow(doubt.places, doubt.cell * doubt.chance))
+    body = less(full, doubt.hollow())
     errors = shape_errors(found.vertices, found.faces, found.views, found.noise, doubt, body.centre, np.eye(3))
     true = trimesh.Trimesh(cup().vertices, cup().faces).volume
     assert abs(body.volume - true) < 2 * errors.volume_std < 0.5 * true

@@ -150,10 +150,10 @@ def asset_of_shape(found: Reconstruction, told: AssetPlace, where: str) -> Built
     ]
     corners = upright(found)[found.faces]
     doubt, (R, p) = found.doubt, upright_pose(found)
-    empty = doubt.cell * doubt.chance
-    body = less(enclosed(found.vertices, found.faces, "surface"), Hollow(doubt.places, empty))
+    empty = doubt.hollow()
+    body = less(enclosed(found.vertices, found.faces, "surface"), empty)
     errors = shape_errors(found.vertices, found.faces, found.views, found.noise, doubt, body.centre, R)
-    hollow = Hollow((doubt.places - p) @ R.T, empty)
+    hollow = Hollow((empty.places - p) @ R.T, empty.volumes)
     notes.append(f"by its shape the volume is known to {100 * errors.volume_std / body.volume:.2g} %")
     try:
         return build_from_triangles(

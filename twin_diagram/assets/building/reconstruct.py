@@ -16,6 +16,7 @@ from twin_diagram.assets.building.cube_scale import Cube
 from twin_diagram.assets.building.decimation import decimated, enclosed_volume
 from twin_diagram.assets.building.depth_view import DepthView, cropped, thinned, view_points
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, fuse, without, without_hand, without_remains
+from twin_diagram.assets.building.hollows import Opened, with_floors
 from twin_diagram.assets.building.iso_surface import zero_surface
 from twin_diagram.assets.building.lasting_error import TUNING as LASTING
 from twin_diagram.assets.building.lasting_error import lasting_error, one_camera
@@ -170,19 +171,20 @@ def reconstruct(
         fused = without_hand(fused, hand, TUNING.hand_within)
     if hands:
         fused = without_remains(fused)
-    fused = _one_body(fused, where)
-    vertices, faces = _mesh(fused)
+    opened = with_floors(_one_body(fused, where), found.plane)
+    vertices, faces = _mesh(_one_body(opened.field, where))
     check_size(vertices, where)
     count = views_that_see(views, vertices, vertex_normals(vertices, faces))
     unseen = check_unseen(share_unseen(vertices, faces, count), where)
     say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
-    return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise, _doubt(found, fused))
+    return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise, _doubt(found, opened))
 
 
-def _doubt(found: AlignedViews, fused: DistanceField) -> Doubt:
+def _doubt(found: AlignedViews, opened: Opened) -> Doubt:
     """Return what may move the surface of what was fused of views."""
     alike = len(found.views) < LASTING.least_views and one_camera(found.views)
-    return Doubt(found.covariances, found.centre, alike, *unseen_cells(fused), fused.grid.voxel**3)
+    cells = unseen_cells(opened.field, opened.chance)
+    return Doubt(found.covariances, found.centre, alike, *cells, opened.field.grid.voxel**3)
 
 
 def _aligned(

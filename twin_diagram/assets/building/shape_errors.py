@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.assets.building.colouring import worth
-from twin_diagram.assets.building.depth_view import DepthView
+from twin_diagram.assets.building.depth_view import DepthView, Map, Mask
 from twin_diagram.assets.building.fusion import DistanceField
-from twin_diagram.assets.building.inertia import EvenBody
+from twin_diagram.assets.building.inertia import EvenBody, Hollow
 from twin_diagram.assets.building.measured import SIX
 from twin_diagram.assets.building.smoothing import vertex_normals
 from twin_diagram.signals.arrays import Array
@@ -46,9 +46,10 @@ class Doubt:
         covariances: (n, 6, 6) of the views' twists about `centre` (rotation, translation) [rad, m].
         centre: (3,) in W [m].
         alike: whether what depth has wrong at the same pixels of all views was left in.
-        places: (M, 3) in W of cells within the surface though no view told of them, and what is around would not [m].
+        places: (M, 3) in W of cells that no view told of, and that may be empty, or full [m].
         chance: (M,) that each is empty. They are so together: what ends at a cell is empty up to it, from the most
             likely one on.
+        inside: (M,) which of them the surface holds.
         cell: volume of each [m³].
     """
 
@@ -57,7 +58,12 @@ class Doubt:
     alike: bool
     places: Array
     chance: Array
+    inside: npt.NDArray[np.bool_]
     cell: float
+
+    def hollow(self) -> Hollow:
+        """Return what the body has less than its surface holds, in the mean; what it has more counts below 0."""
+        return Hollow(self.places, self.cell * (self.chance - ~self.inside))
 
 
 @dataclass(frozen=True)
@@ -89,29 +95,38 @@ class ShapeErrors:
         return np.asarray(np.sqrt(np.einsum("ri,ij,rj->r", change, self.covariance, change)))
 
 
-def unseen_cells(field: DistanceField) -> tuple[Array, Array]:
-    """Return places (M, 3) of cells that are inside only because no view told of them, and the chance that it is empty.
+def unseen_cells(field: DistanceField, chance: Map) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Return places (M, 3) of cells that may be empty though no view told so, the chance of it, and which are inside.
 
-    Were they given the mean of their neighbours, over and over, they would be outside. The true surface lies somewhere
-    between that one and the one that nothing contradicts, whose means are 0 and 1; with each mean as likely, a cell's
-    own is its chance.
+    Were those inside given the mean of their neighbours, over and over, they would be outside. The true surface lies
+    somewhere between that one and the one that nothing contradicts, whose means are 0 and 1; with each mean as likely,
+    a cell's own is its chance.
+
+    Args:
+        field: where what no view told of is inside, but for what was opened.
+        chance: (nx, ny, nz) that a cell is empty by what else is known; 0 elsewhere. The greater of two counts.
     """
-    unknown = ~field.known & (field.distance < 0)
-    if not unknown.any():
-        return np.zeros((0, 3)), np.zeros(0)
-    at = np.argwhere(unknown)
-    low = np.maximum(at.min(axis=0) - 1, 0)
-    own = tuple(slice(a, b) for a, b in zip(low, at.max(axis=0) + 2, strict=True))
-    limit = np.float32(TUNING.limit * field.grid.voxel)
-    mean, which = np.clip(field.distance[own], -limit, limit), unknown[own]
+    chance, unknown = chance.copy(), ~field.known & (field.distance < 0)
+    if unknown.any():
+        at = np.argwhere(unknown)
+        own = tuple(slice(max(a - 1, 0), b + 2) for a, b in zip(at.min(axis=0), at.max(axis=0), strict=True))
+        limit = np.float32(TUNING.limit * field.grid.voxel)
+        mean = _closed(np.clip(field.distance[own], -limit, limit), unknown[own])
+        chance[own] = np.where(unknown[own], np.maximum(chance[own], mean / limit), chance[own])
+    at = np.argwhere(chance > 0)
+    which = tuple(at.T)
+    return field.grid.origin + field.grid.voxel * at, chance[which].astype(float), field.distance[which] < 0
+
+
+def _closed(distance: Map, which: Mask) -> Map:
+    """Return a distance whose cells `which` have the mean of their neighbours."""
     for _ in range(TUNING.rounds):
-        padded = np.pad(mean, 1, mode="edge")
+        padded = np.pad(distance, 1, mode="edge")
         around = padded[2:, 1:-1, 1:-1] + padded[:-2, 1:-1, 1:-1]
         around += padded[1:-1, 2:, 1:-1] + padded[1:-1, :-2, 1:-1]
         around += padded[1:-1, 1:-1, 2:] + padded[1:-1, 1:-1, :-2]
-        mean = np.where(which, around / np.float32(6.0), mean)
-    empty = which & (mean > 0)
-    return field.grid.origin + field.grid.voxel * (low + np.argwhere(empty)), (mean[empty] / limit).astype(float)
+        distance = np.where(which, around / np.float32(6.0), distance)
+    return distance
 
 
 def shape_errors(
