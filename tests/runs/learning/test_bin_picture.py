@@ -13,7 +13,8 @@ from twin_diagram.errors import StationError
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.runs.learning.bin_view import TUNING, bottom_noise, things_within
 from twin_diagram.runs.learning.cell import Picture
-from twin_diagram.runs.learning.steady_picture import middle_depth, steady_picture
+from twin_diagram.runs.learning.steady_picture import TUNING as STEADY
+from twin_diagram.runs.learning.steady_picture import middle_depth, resting_picture, steady_picture
 
 HEIGHT, LOW, HIGH = 0.95, np.array([-0.15, -0.2, 0.0]), np.array([0.15, 0.2, 0.12])
 CAMERA = ViewCamera(
@@ -82,3 +83,33 @@ def test_a_camera_that_sees_nothing_is_told_of_and_not_taken_for_an_empty_bin() 
     assert "\n" not in str(error.value)
     cell.look = lambda name: picture(looked(0.002))
     assert steady_picture(cell, "bin").depth.all()
+
+
+def test_what_still_moves_is_waited_for_and_noise_is_not() -> None:
+    """A ring slid off the bin's rim while the arm was on its way, and the fingers closed where it had been."""
+    clock, seed = [0.0], iter(range(1000))
+
+    def wait(seconds: float) -> None:
+        clock[0] += seconds
+
+    def cell_of(slides_until: float, speed: float) -> Any:
+        def look(name: str) -> Picture:
+            depth = looked(0.002, next(seed))
+            at = 100 + int(min(clock[0], slides_until) * speed)
+            depth[100:130, at : at + 30] -= np.float32(0.05)
+            return picture(depth)
+
+        clock[0] = 0.0
+        return SimpleNamespace(wait=wait, look=look)
+
+    box = np.array([-1.0, -1.0, 0.0]), np.array([1.0, 1.0, 0.2])
+    resting_picture(cell_of(0.0, 0.0), "bin", *box)
+    once = clock[0]
+    assert once < 1.5 * STEADY.rest
+    seen = resting_picture(cell_of(2.5, 20.0), "bin", *box)
+    assert clock[0] > 2.5 + STEADY.rest and seen.depth[115, 150 + 15] < seen.depth[115, 120] - 0.04
+    resting_picture(cell_of(1e9, 5.0), "bin", *box)
+    assert clock[0] == pytest.approx(STEADY.looks * once), "what never rests is taken as it is"
+    beside = np.array([5.0, 5.0, 0.0]), np.array([6.0, 6.0, 0.2])
+    resting_picture(cell_of(1e9, 5.0), "bin", *beside)
+    assert clock[0] == pytest.approx(once), "nobody asks what moves elsewhere"

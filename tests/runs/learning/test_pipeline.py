@@ -165,7 +165,7 @@ def test_nothing_is_taken_that_the_scanning_camera_could_not_show(monkeypatch: p
     dark = SimpleNamespace(depth=np.zeros((2, 2), np.float32))
     lies = [thing(0.0)]
     monkeypatch.setattr(handling, "go_home", lambda tools: None)
-    monkeypatch.setattr(handling, "steady_picture", lambda cell, name: PICTURE)
+    monkeypatch.setattr(handling, "resting_picture", lambda cell, name, low, high: PICTURE)
     monkeypatch.setattr(handling, "lying", lambda *told: lies)
     cell = SimpleNamespace(look=lambda name: dark)
     tools: Any = SimpleNamespace(cell=cell, learning=Learning(), faces=None, robot=None)

@@ -34,7 +34,7 @@ from twin_diagram.runs.learning.regrasping import PLATFORM, fallen_pose, take_ag
 from twin_diagram.runs.learning.regrasping import TUNING as REGRASPING
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
-from twin_diagram.runs.learning.steady_picture import refuse_blind, steady_picture
+from twin_diagram.runs.learning.steady_picture import refuse_blind, resting_picture
 from twin_diagram.runs.learning.weighing import first_mass
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
@@ -86,7 +86,7 @@ class Tools:
 
 
 def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Picture, list[SeenThing]]:
-    """Return a picture of the bin and what lies in it and beside it, without what was given up; the arm is at home.
+    """Return a picture of the bin and what rests in it and beside it, without what was given up; the arm is at home.
 
     Raises:
         LearningError: the arm cannot get out of the way.
@@ -96,7 +96,8 @@ def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Pi
         go_home(tools)
     except NoWay as why:
         raise LearningError(f"the arm cannot go home to look: {why}; check twin.home and what stands about") from why
-    picture = steady_picture(tools.cell, tools.learning.bin_camera)
+    low, high = (np.array(corner) for corner in tools.learning.from_bin)
+    picture = resting_picture(tools.cell, tools.learning.bin_camera, low, high)
     things = lying(picture, tools.learning, tools.faces, tools.robot)
     gone = np.array([place[:3] for place in given_up]).reshape(-1, 3)
     left = [t for t in things if (np.linalg.norm(gone - t.middle, axis=1) > TUNING.same_place).all()]

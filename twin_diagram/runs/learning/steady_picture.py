@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from twin_diagram.errors import StationError
 from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.signals.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,19 @@ class Tuning:
 
     apart: float = 0.035
     """Between two of them [s]: cameras take 30 a second."""
+
+    rest: float = 1.0
+    """In which nothing moves, so that it is at rest [s]: a ring that stood askew on a bin's rim slid by 1 mm in the
+    first quarter of a second, and lay in the bin's corner after one more."""
+
+    looks: int = 5
+    """Times that this is waited for at the most: what then still moves is taken as it is."""
+
+    moved: float = 0.004
+    """By which depth changes where something has moved [m], or six standard deviations of a pixel if that is more."""
+
+    least: int = 40
+    """Pixels of what moved at the least, whole squares of three by three alone: edges flicker."""
 
 
 TUNING = Tuning()
@@ -38,6 +53,47 @@ def steady_picture(cell: Cell, name: str) -> Picture:
     depth = middle_depth(np.stack([one.depth for one in taken]))
     refuse_blind(name, depth)
     return replace(taken[-1], depth=depth)
+
+
+def resting_picture(cell: Cell, name: str, low: Array, high: Array) -> Picture:
+    """Return what a camera sees while the arm rests, as `steady_picture`, once nothing moves in a box by itself.
+
+    Args:
+        cell: whose arm is out of the camera's sight.
+        name: of the camera.
+        low: (3,) lowest corner of the box; heights do not count [m].
+        high: (3,) its highest.
+
+    Raises:
+        StationError: no pixel has depth.
+    """
+    before = cell.look(name)
+    for _ in range(TUNING.looks):
+        cell.wait(TUNING.rest)
+        now = steady_picture(cell, name)
+        if not moved(before, now, low, high):
+            break
+        before = now
+    return now
+
+
+def moved(before: Picture, now: Picture, low: Array, high: Array) -> bool:
+    """Return whether two pictures of one camera tell that something moved in between, within or over a box.
+
+    Args:
+        before: the first picture.
+        now: the second one.
+        low: (3,) lowest corner of the box; heights do not count [m].
+        high: (3,) its highest.
+    """
+    both = (before.depth > 0) & (now.depth > 0)
+    at = np.where(both[..., None], now.points(), np.inf)[..., :2]
+    both &= ((at > low[:2]) & (at < high[:2])).all(axis=-1)
+    off = np.abs(now.depth - before.depth)
+    if not both.any():
+        return False
+    least = max(TUNING.moved, 6.0 * 1.4826 * float(np.median(off[both])))
+    return int(ndimage.binary_opening(both & (off > least), np.ones((3, 3))).sum()) >= TUNING.least
 
 
 def refuse_blind(name: str, *depths: npt.NDArray[np.float32]) -> None:
