@@ -109,3 +109,18 @@ def test_what_lies_on_the_table_is_taken_from_there_and_not_tipped_up(monkeypatc
     assert [count for *_, count in asked] == [1 + len(walls), 1] and upright_points(FACES, inside) == []
     assert np.isclose(np.concatenate(walls)[:, 0], 0.42 - 0.15).any(), "the outer side of the bin's wall"
     assert plan_tipping(tools, beside, picture) is None
+
+
+def test_what_lies_over_the_rim_is_one_thing() -> None:
+    """A ring on a bin's rim was two: one in the bin, and one beside it that the fingers were to keep off."""
+    over = box((0.29, -0.36, 0.16), (0.14, 0.06, 0.05))
+    (one,) = lying(taken(over), LEARNING, FACES, NO_ARM)
+    assert not one.beside and np.ptp(one.points[:, 0]) == pytest.approx(0.14, abs=0.01)
+    # What stands on the table and leans over the rim lies beside the bin, and what of it is in there is still seen.
+    inner, outer = lying(taken(box((0.225, -0.36, 0.16), (0.14, 0.06, 0.05))), LEARNING, FACES, NO_ARM)
+    assert (inner.beside, outer.beside) == (False, True)
+    assert inner.points[:, 0].min() > 0.2759 > outer.points[:, 0].max() - 1e-4
+    # Nor is an arm over the rim part of what lies there.
+    arm: Any = SimpleNamespace(near=lambda points, q, margin, fingers: points[:, 0] < 0.26)
+    (free,) = lying(taken(over), LEARNING, FACES, arm)
+    assert free.points[:, 0].min() > 0.255

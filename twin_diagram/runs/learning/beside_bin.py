@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
 from twin_diagram.errors import StationError
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
+from twin_diagram.runs.learning.bin_view import TUNING as BIN_VIEW
 from twin_diagram.runs.learning.bin_view import SeenThing, things_at, things_within
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import Cell, Picture
@@ -39,6 +41,15 @@ class Tuning:
     robot: float = 0.03
     """What is nearer to the arm is the arm's [m]: its shapes and its joints are not known better."""
 
+    rim: float = 0.01
+    """What is farther above the bin's rim than this is not the rim [m]: pictures are off by a few millimetres."""
+
+    reach: float = 0.1
+    """How far beside the bin what lies over its rim may reach [m]: half of the longest thing."""
+
+    within: float = 0.5
+    """Share of a thing's pixels in the bin from which it lies in it; of less it is seen as lying beside it."""
+
     about: float = 0.25
     """How far from a thing upright faces are in the hand's way [m]: the hand's size."""
 
@@ -51,8 +62,36 @@ TUNING = Tuning()
 
 def lying(picture: Picture, learning: Learning, faces: KnownFaces, robot: RobotShape) -> list[SeenThing]:
     """Return what a picture shows in the bin, the highest first, and then what it shows beside the bin."""
+    inside = things_in_bin(picture, learning, robot)
+    theirs = np.zeros(picture.depth.shape, dtype=bool)
+    for one in inside:
+        theirs[tuple(one.pixels.T)] = True
+    return inside + things_beside(picture, learning, faces, robot, theirs)
+
+
+def things_in_bin(picture: Picture, learning: Learning, robot: RobotShape) -> list[SeenThing]:
+    """Return what a picture shows in the bin, the highest first; what lies over its rim is one thing on both sides.
+
+    Args:
+        picture: of the bin's camera.
+        learning: where the bin is.
+        robot: whose arm may be seen over the rim, too.
+    """
     low, high = (np.array(corner) for corner in learning.from_bin)
-    return things_within(picture, low, high) + things_beside(picture, learning, faces, robot)
+    points = picture.points()
+    place, reach = points[..., :2], TUNING.reach
+    inside = np.asarray(((place > low[:2]) & (place < high[:2])).all(-1))
+    over = ((place > low[:2] - reach) & (place < high[:2] + reach)).all(-1) & (points[..., 2] > high[2] + TUNING.rim)
+    rows = np.argwhere(over & ~inside & (picture.depth > 0))
+    arm = robot.near(points[tuple(rows.T)], picture.q, TUNING.robot, picture.fingers)
+    over[tuple(rows[arm].T)] = False
+    found = list[SeenThing]()
+    for one in things_within(picture, low, high, also=over):
+        own = inside[tuple(one.pixels.T)]
+        if own.mean() < TUNING.within:  # what is left of it in the bin stands for itself
+            one = replace(one, points=one.points[own], normals=one.normals[own], pixels=one.pixels[own])
+        found += [one] if len(one.points) >= BIN_VIEW.least else []
+    return sorted(found, key=lambda thing: -thing.top)
 
 
 def support_of(thing: SeenThing, learning: Learning) -> float:
@@ -75,20 +114,25 @@ def stand_about_rest(
     What touched the thing may have counted as part of it, and what leant on it fell. The arm may reach over the bin.
     Where the bin's camera has stopped meanwhile, what was seen before is all that is known.
     """
-    low, high = (np.array(corner) for corner in learning.from_bin)
     try:
         picture = steady_picture(cell, learning.bin_camera)
     except StationError:
         return
     left = [
         one
-        for one in things_within(picture, low, high)
+        for one in things_in_bin(picture, learning, robot)
         if robot.near(one.points, picture.q, TUNING.robot, picture.fingers).mean() < 0.5
     ]
     stand_about(mover, learning, [*others, *left])
 
 
-def things_beside(picture: Picture, learning: Learning, faces: KnownFaces, robot: RobotShape) -> list[SeenThing]:
+def things_beside(
+    picture: Picture,
+    learning: Learning,
+    faces: KnownFaces,
+    robot: RobotShape,
+    others: npt.NDArray[np.bool_] | None = None,
+) -> list[SeenThing]:
     """Return what a picture shows on the table, outside of bins and platform, the highest first.
 
     Args:
@@ -96,6 +140,7 @@ def things_beside(picture: Picture, learning: Learning, faces: KnownFaces, robot
         learning: where bins and platform are; that stands on the table.
         faces: of what stands still, the table among them.
         robot: whose arm may be seen, too.
+        others: (H, W) pixels of what lies in the bin, and over its rim.
     """
     camera, table = picture.camera, learning.platform[0][2]
     points = picture.points()
@@ -110,6 +155,8 @@ def things_beside(picture: Picture, learning: Learning, faces: KnownFaces, robot
     there = whole[: picture.depth.shape[0], : picture.depth.shape[1]] & (picture.depth > 0)
     for low, high in (learning.from_bin, learning.into_bin, learning.platform):
         there &= ~((points[..., :2] > low[:2]) & (points[..., :2] < high[:2])).all(-1)
+    if others is not None:
+        there &= ~others
     rows = np.argwhere(there & (points[..., 2] > table + TUNING.level))
     arm = robot.near(points[tuple(rows.T)], picture.q, TUNING.robot, picture.fingers)
     there[tuple(rows[arm].T)] = False

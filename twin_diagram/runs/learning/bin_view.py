@@ -147,7 +147,9 @@ class SeenThing:
         return float(np.quantile(self.points[:, 2], 0.98))
 
 
-def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> list[SeenThing]:
+def things_within(
+    picture: Picture, low: Array, high: Array, seed: int = 0, also: npt.NDArray[np.bool_] | None = None
+) -> list[SeenThing]:
     """Return what a picture shows within a box, the highest first.
 
     Args:
@@ -155,9 +157,11 @@ def things_within(picture: Picture, low: Array, high: Array, seed: int = 0) -> l
         low: (3,) lowest corner; its z is the bottom's upper side [m].
         high: (3,) highest corner; what stands out above it counts as well.
         seed: of the points' order.
+        also: (H, W) which pixels count as well.
     """
     points = picture.points()
     inside = (points[..., :2] > low[:2] + TUNING.beside).all(-1) & (points[..., :2] < high[:2] - TUNING.beside).all(-1)
+    inside = inside if also is None else inside | also
     return things_at(picture, inside & (picture.depth > 0), float(low[2]), seed)
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.planning.grasps import Gripper
-from twin_diagram.runs.learning.bin_view import SeenThing, things_within
+from twin_diagram.runs.learning.beside_bin import things_in_bin
+from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.cell import GRASP, Picture
 from twin_diagram.runs.learning.flat_things import TUNING as FLAT
 from twin_diagram.runs.learning.flat_things import FlatThing, may_be_tipped, pushes_of, way_of
@@ -100,7 +101,9 @@ def plan_tipping(tools: Tools, thing: SeenThing, picture: Picture) -> Tipping | 
     if thing.beside:
         return None
     low, high = (np.array(corner) for corner in tools.learning.from_bin)
-    rest = [one.points for one in things_within(picture, low, high) if (one.middle != thing.middle).any()]
+    rest = [
+        one.points for one in things_in_bin(picture, tools.learning, tools.robot) if (one.middle != thing.middle).any()
+    ]
     tools.mover.stand("bin", [thing.points, *rest], float(low[2]))
     pushes = [one for one in pushes_of(thing, low, high) if may_be_tipped(one, tools.gripper, float(high[2]))]
     barred = in_the_way(low, high, rest)[0]
