@@ -18,6 +18,7 @@ from twin_diagram.errors import StationError, TwinError
 from twin_diagram.estimation.weighing import WeighingError
 from twin_diagram.runs.learning import handling, one_object, pipeline, swinging
 from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.choosing import SURE
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.finishing import finish
 from twin_diagram.runs.learning.following import Followed
@@ -35,6 +36,7 @@ from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
 
 PICTURE = shown(turned(0.0), np.eye(4), 0).picture
+SURE_CHOICE = SimpleNamespace(one=lambda kind: "a grasp")
 
 
 def thing(x: float) -> SeenThing:
@@ -67,7 +69,7 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     taken = Taken(np.eye(4), 0.05, 0)
     monkeypatch.setattr(handling, "look_into_bin", bin_.look)
     monkeypatch.setattr(handling, "pick", lambda tools, one, things, attempt, failed, known: Picked(one, taken))
-    monkeypatch.setattr(pipeline, "which_first", lambda tools, picture, things: (things[0], None))
+    monkeypatch.setattr(pipeline, "which_first", lambda tools, picture, things: (things[0], SURE_CHOICE))
     monkeypatch.setattr(handling, "show_first", bin_.show)
     monkeypatch.setattr(handling, "let_go", bin_.let_go)
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
@@ -306,9 +308,9 @@ def test_what_cannot_be_set_down_is_let_fall_over_what_stands_in_the_bin(
     assert went == pytest.approx([] if highest is None else [highest]) and (fell is None) == (highest is None)
 
 
-@pytest.mark.parametrize("wide", [False, True])
+@pytest.mark.parametrize(("wide", "sure"), [(False, True), (False, False), (True, True), (True, False)])
 def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wide: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wide: bool, sure: bool
 ) -> None:
     tipped, tries = list[float](), list[float]()
 
@@ -322,13 +324,15 @@ def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
 
     run = learner(Bin([0.0, 0.3]), tmp_path / "run", monkeypatch)
     monkeypatch.setattr(handling, "pick", pick)
+    choice = SURE_CHOICE if sure else SimpleNamespace(one=lambda kind: None if kind in SURE else "a grasp")
+    monkeypatch.setattr(pipeline, "which_first", lambda tools, picture, things: (things[0], choice))
     run.tools.gripper.opening_most = -0.01 if wide else 0.115  # type: ignore[misc]
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.plan_tipping", plan_tipping)
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.tip_up", lambda tools, plan: tipped.append(plan))
     run.run()
-    # What is wider than the hand is tipped up at once, all else when it would be reported; of what has no grasp, two
-    # searches are made.
-    assert tipped == [0.3, 0.3, 0.3] and tries.count(0.3) == (3 + 2 if wide else 4 * 2)
+    # What is wider than the hand is tipped up at once, before any try of which nothing sure is known; all else when it
+    # would be reported; of what has no grasp, two searches are made.
+    assert tipped == [0.3, 0.3, 0.3] and tries.count(0.3) == ((3 if sure else 0) + 2 if wide else 4 * 2)
     assert [one.why for one in run.state.learned] == ["too wide", "too wide"] and run.state.finished
 
 
