@@ -15,6 +15,7 @@ from twin_diagram.perception.registration.rotation import cross
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.lens import unit_rays
 
 Mask = npt.NDArray[np.bool_]
 Cells = npt.NDArray[np.uint8]
@@ -111,15 +112,20 @@ def own_points(model: ModelCloud, segments: Segments, one: RegisteredPose) -> tu
         one: where it is.
     """
     local = (segments.points_W - one.p) @ one.R
-    z = max(float((one.p - segments.camera.p_WC) @ segments.camera.R_WC[:, 2]), 0.0)
-    reach = TUNING.near + TUNING.placed * float(segments.camera.depth_noise(np.array(z)))
+    reach = _reach(model, segments, one)
     near = np.zeros(len(local), dtype=bool)
     around = np.flatnonzero(np.einsum("ni,ni->n", local, local) < (model.radius + reach) ** 2)
-    near[around] = np.isfinite(model.nearest.query(local[around], reach + 0.5 * model.spacing)[0])
+    near[around] = np.isfinite(model.nearest.query(local[around], reach)[0])
     count = max(segments.count, 1)
     mine = np.bincount(segments.labels[near], minlength=count)
     whole = np.maximum(np.bincount(segments.labels, minlength=count), 1)
     return near, np.asarray(near | (mine >= TUNING.own * whole)[segments.labels])
+
+
+def _reach(model: ModelCloud, segments: Segments, one: RegisteredPose) -> float:
+    """Return how far from a cloud's points depth may show the surface [m]."""
+    z = max(float((one.p - segments.camera.p_WC) @ segments.camera.R_WC[:, 2]), 0.0)
+    return TUNING.near + TUNING.placed * float(segments.camera.depth_noise(np.array(z))) + 0.5 * model.spacing
 
 
 def outline(model: ModelCloud, frame: Frame, segments: Segments, one: RegisteredPose, own: Mask) -> Outline | None:
@@ -157,7 +163,9 @@ def outline(model: ModelCloud, frame: Frame, segments: Segments, one: Registered
     whole = _covered(spot - first, (size[1], size[0]), closed)
     ours = np.ascontiguousarray(whole[r0 - first[1] : r1 - first[1], c0 - first[0] : c1 - first[0]])
     spot = spot - [c0, r0]
-    seen, tall, before, hidden = _shown(segments, own, low, float(np.median(z)), (slice(r0, r1), slice(c0, c1)))
+    part = (slice(r0, r1), slice(c0, c1))
+    specks = _specks(model, segments, one, ours, low, part)
+    seen, tall, before, hidden = _shown(segments, own, low, float(np.median(z)), part, specks)
     outside = _share(~ours, tall)
     missed = _share(~seen, ours & ~hidden)
     at, index = _edge(ours, before, hidden, spot, height > rim)
@@ -196,8 +204,34 @@ def _covered(spot: Array, shape: tuple[int, int], closed: int) -> Mask:
     return np.asarray(cv2.morphologyEx(wide, cv2.MORPH_CLOSE, disc)[closed:-closed, closed:-closed] > 0)
 
 
+def _specks(
+    model: ModelCloud, segments: Segments, one: RegisteredPose, ours: Mask, low: float, part: tuple[slice, slice]
+) -> Mask:
+    """Return which cells of a part of the image are in no segment, and show the object's surface.
+
+    A handle that a strip without depth parts from its mug is too small for a segment: it is there nonetheless.
+
+    Args:
+        model: the object.
+        segments: the image taken apart.
+        one: the pose.
+        ours: (h, w) the cells that the model covers.
+        low: height above the table [m].
+        part: rows and columns.
+    """
+    camera = segments.camera
+    specks = np.zeros(ours.shape, dtype=bool)
+    depth = segments.depth[:: segments.stride, :: segments.stride][part]
+    at = np.nonzero(ours & (segments.label_image[part] == SEGMENTS.background) & (depth > 0.0))
+    rays = unit_rays(camera.optics)[:: segments.stride, :: segments.stride][part][at]
+    points_W = camera.p_WC + depth[at][:, None] * (rays @ camera.R_WC.T)
+    near = np.isfinite(model.nearest.query((points_W - one.p) @ one.R, _reach(model, segments, one))[0])
+    specks[at] = near & (height_above(segments.table, points_W) > low)
+    return specks
+
+
 def _shown(
-    segments: Segments, own: Mask, low: float, middle: float, part: tuple[slice, slice]
+    segments: Segments, own: Mask, low: float, middle: float, part: tuple[slice, slice], specks: Mask
 ) -> tuple[Mask, Mask, Mask, Mask]:
     """Return which cells of a part of the image show a thing, and which do above `low`, and what hides it.
 
@@ -209,6 +243,7 @@ def _shown(
         low: height above the table [m].
         middle: the thing's depth [m]: what is nearer stands before it.
         part: rows and columns.
+        specks: cells of that part that show it besides.
     """
     seen, tall = (np.zeros(segments.label_image.shape, dtype=bool) for _ in range(2))
     rows, columns = np.nonzero(segments.label_image >= 0)
@@ -218,7 +253,8 @@ def _shown(
     # Single pixels without depth, as edges have them, hide no edge: they are what lies around them.
     void = labels == SEGMENTS.no_depth
     wide = _opened(void)
-    seen, tall = (mask[part] | (void & ~wide & ~_opened(~mask[part])) for mask in (seen, tall))
+    seen, tall = (mask[part] | specks for mask in (seen, tall))
+    seen, tall = (mask | (void & ~wide & ~_opened(~mask)) for mask in (seen, tall))
     nearer = (labels != SEGMENTS.background) & (depth < middle) & ~void
     before = ~seen & (nearer | (labels == SEGMENTS.robot) | wide)
     return seen, tall, before, ~seen & (before | void)
