@@ -16,6 +16,7 @@ from twin_diagram.gap.whole_robot import concluding
 from twin_diagram.gap.whole_robot.beside_dry import (
     DAMPING,
     DRY,
+    ROTOR,
     damped,
     largest_share,
     own_part,
@@ -84,6 +85,24 @@ def lacking(name: str, key: str, size: float, *, dry: bool = True) -> tuple[Robo
     own[:, DRY], own[WRIST, DRY], own[WRIST, term] = True, dry, True
     problem, z = settled(replace(problem, own_free=own), z)
     return problem, z, term
+
+
+@pytest.mark.parametrize(("more", "said"), [(0.13, True), (0.0, False)])
+def test_a_rotor_that_is_stated_wrongly_comes_back_beside_dry_friction(more: float, said: bool) -> None:
+    stated = 0.3
+    given = ARM.with_effects([everywhere("reflected_inertia", inertia=stated)])
+    rotors = [stated + more * (j == WRIST) for j in range(6)]
+    true = [everywhere("coulomb_friction", torque=LEVEL), effect("reflected_inertia", ARM.joints, inertia=rotors)]
+    records = noisy(given, ARM.with_effects(true))
+    (made,) = records.records
+    torque = made.torque.copy()
+    torque[:, WRIST] += NOISE * np.random.default_rng(5).normal(size=len(torque))
+    problem, z = settled(begun(records, equations(replace(records, records=(replace(made, torque=torque),)))))
+    own = np.zeros_like(problem.own_free)
+    own[:, DRY] = True
+    problem, z = settled(replace(problem, own_free=own), z)
+    found = damped(problem, z)
+    assert [bool(free) for free in found.own_free[:, ROTOR]] == [said and j == WRIST for j in range(6)]
 
 
 @pytest.mark.parametrize(("rotor", "dry", "said"), [(0.13, True, True), (0.13, False, False), (0.05, True, False)])

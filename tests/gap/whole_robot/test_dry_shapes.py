@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tests.gap.made import ARM, everywhere
+from tests.gap.made import ARM, WRIST, effect, everywhere
 from tests.gap.whole_robot.test_explain import noisy
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import dry_shapes, estimates
@@ -76,8 +76,13 @@ def test_a_description_that_states_friction_tells_the_same_level() -> None:
     np.testing.assert_allclose(stated + levels(z), LEVEL, rtol=0.02)
 
 
-@pytest.mark.parametrize("crawl", [0.3, 1.6])
-def test_friction_that_changes_with_speed_has_its_own_name(crawl: float) -> None:
+@pytest.mark.parametrize(
+    ("crawl", "name", "keys"),
+    [(1.6, "stribeck_friction", {"coulomb", "static", "stribeck_velocity"}), (0.3, "coulomb_friction", {"torque"})],
+)
+def test_friction_that_falls_with_speed_has_its_own_name_and_what_rises_is_coulombs(
+    crawl: float, name: str, keys: set[str]
+) -> None:
     law = everywhere("stribeck_friction", coulomb=LEVEL, static=crawl * LEVEL, stribeck_velocity=SPEED)
     problem, z = fitted(noisy(ARM, ARM.with_effects([law]), 10.0))
     assert {(shape.speed, shape.crawl) for shape in problem.sums.shapes} == {(SPEED, crawl)}
@@ -87,9 +92,26 @@ def test_friction_that_changes_with_speed_has_its_own_name(crawl: float) -> None
     own[:, k] = True
     only = replace(problem, own_free=own, links_free=np.zeros(6, dtype=bool))
     names = {estimates.name_of(only, j, k) for j in range(6)}
-    assert names == {"stribeck_friction"}
-    (told,) = estimates.findings(only, z, np.eye(len(z)) * 1e-4, ARM, {"stribeck_friction": 1.0})
-    assert told.joints == ARM.joints and set(told.parameters) == {"coulomb", "static", "stribeck_velocity"}
+    assert names == {name}
+    (told,) = estimates.findings(only, z, np.eye(len(z)) * 1e-4, ARM, {name: 1.0})
+    assert told.joints == ARM.joints and set(told.parameters) == keys
+
+
+def test_friction_that_rises_on_one_joint_is_found_beside_others_that_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tried on all joints at once, links stand in for what is wrong on the others."""
+    rising = effect("stribeck_friction", joints=[ARM.joints[WRIST]], coulomb=0.3, static=0.0, stribeck_velocity=0.12)
+    others = [joint for j, joint in enumerate(ARM.joints) if j != WRIST]
+    plain = effect("coulomb_friction", joints=others, torque=[40.0] * 5)
+    records = noisy(ARM, ARM.with_effects([plain, rising]), 10.0)
+    problem, z = fitted(records)
+    assert [shape.told for shape in problem.sums.shapes] == [False] * WRIST + [True]
+    assert levels(z)[WRIST] == pytest.approx(0.3, rel=0.1)
+    short = estimates.falls_short(problem, WRIST)
+    assert 0.05 < short < 0.5 and estimates.falls_short(problem, 0) == 0.0
+    error = estimates.error_of(problem, z, np.zeros((len(z), len(z))), 60 + 4 * WRIST + OWN.index("coulomb"))
+    assert error >= short * levels(z)[WRIST]
+    monkeypatch.setattr(dry_shapes, "one_by_one", lambda problem, z, chosen: chosen)
+    assert not fitted(records)[0].sums.shapes[WRIST].told
 
 
 def test_plain_friction_keeps_its_shape_and_back_is_as_before() -> None:

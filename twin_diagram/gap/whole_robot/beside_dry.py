@@ -15,6 +15,7 @@ import numpy as np
 from twin_diagram.gap.findings import Finding
 from twin_diagram.gap.residuals.stiction import slides
 from twin_diagram.gap.whole_robot import estimates
+from twin_diagram.gap.whole_robot.bounded_step import Chosen
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
@@ -47,24 +48,35 @@ DRY_NAMES = (CoulombFriction.name, StribeckFriction.name)
 
 
 def damped(problem: RobotProblem, z: Array) -> RobotProblem:
-    """Return the problem with damping on joints that have dry friction, where it is known well enough to be said.
+    """Return the problem with damping, then rotors, on joints that have dry friction, where they are known well enough.
 
     Args:
         problem: with the terms that earned their place.
         z: (Z,) its fit.
     """
-    left = problem.own_free[:, DRY] & ~problem.said[:, DAMPING] & ~problem.stated[:, DAMPING]
-    left &= (own_part(problem, z)[:, DRY] > 0.0) & slides(problem.sums.records)
     if problem.sums.records.model.arm.link_side:  # what is left of friction behind the sensor is no drive's
         return problem
+    for term in (DAMPING, ROTOR):
+        left = problem.own_free[:, DRY] & ~problem.said[:, term]
+        left &= (own_part(problem, z)[:, DRY] > 0.0) & slides(problem.sums.records)
+        left &= ~problem.stated[:, DAMPING] if term == DAMPING else problem.stated[:, ROTOR]
+        more = with_term(problem, z, term, left)
+        if more is not problem:
+            problem, z = more, solve(more, None, z)
+    return problem
+
+
+def with_term(problem: RobotProblem, z: Array, term: int, left: Chosen) -> RobotProblem:
+    """Return the problem with one of joints' own terms on those of some joints (n,) where it is known well enough."""
     before = LeftOut.of(problem, z).likelihood() if np.any(left) else np.zeros(problem.n)
     while np.any(left):
         own = problem.own_free.copy()
-        own[:, DAMPING] |= left
+        own[:, term] |= left
         more = replace(problem, own_free=own)
         fit = solve(more, None, z)
-        error = np.sqrt(own_part(more, np.diag(estimates.covariance(more, fit)))[:, DAMPING])
-        over = np.where(left, error / np.maximum(own_part(more, fit)[:, DAMPING], 1e-12) - TUNING.most, -np.inf)
+        error = np.sqrt(own_part(more, np.diag(estimates.covariance(more, fit)))[:, term])
+        size = np.abs(own_part(more, fit)[:, term])
+        over = np.where(left, error / np.maximum(size, 1e-12) - TUNING.most, -np.inf)
         if np.max(over) <= 0.0:
             over = np.where(left, before - LeftOut.of(more, fit).likelihood() - TUNING.worse, -np.inf)
             if np.max(over) <= 0.0:

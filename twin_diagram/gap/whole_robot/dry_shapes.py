@@ -61,7 +61,8 @@ TUNING = Tuning()
 def shaped(problem: RobotProblem, z: Array) -> tuple[RobotProblem, Array]:
     """Return the problem with the shape of each joint's dry friction that left-out motion likes best, and its fit.
 
-    Each shape is tried on all joints at once: what one joint's friction does hardly changes another's residual.
+    Each shape is tried on all joints at once: what one joint's friction does hardly changes another's residual. Where
+    a shape is far off on some, links stand in for it, so what one joint's own residual asks for is tried on it alone.
 
     Args:
         problem: with everything usual free, and its noise.
@@ -85,12 +86,72 @@ def shaped(problem: RobotProblem, z: Array) -> tuple[RobotProblem, Array]:
             real = not there[j].speed or within[j] > TUNING.speedy
             if there[j].told and real and gain[j] > least:
                 best[j], chosen[j] = gain[j], there[j]
+    chosen = [*one_by_one(problem, z, chosen)]
     if not any(shape.told for shape in chosen):
         return problem, z
     problem = replace(problem, sums=with_shapes(problem.sums, chosen))
     z = solve(problem, None, z)
     problem = with_noise(problem, z)
     return problem, solve(problem, None, z)
+
+
+def one_by_one(problem: RobotProblem, z: Array, chosen: Sequence[DryShape]) -> list[DryShape]:
+    """Return the shapes of joints' dry friction with what rises on joints that have none, tried on one joint at a time.
+
+    Args:
+        problem: with plain friction.
+        z: (Z,) its fit.
+        chosen: shapes found on all joints at once.
+    """
+    shapes, units = list(chosen), levers(problem.sums.records)
+    rising = [shape for shape in _shapes() if shape.speed and shape.crawl < 1.0]
+    for j in [j for j in range(problem.n) if not shapes[j].told]:
+        there = [shape.times(float(units[j])) for shape in rising]
+        there = [shape for shape in there if _may_have(problem, j, shape)]
+        asked = [risen(problem, z, j, shape) for shape in there]
+        if not asked or max(asked) <= TUNING.speedy:
+            continue
+        before = with_shapes(problem.sums, shapes)
+        more = with_shapes(before, [*shapes[:j], there[int(np.argmax(asked))], *shapes[j + 1 :]])
+        tried = [replace(problem, sums=sums) for sums in (before, more)]
+        fits = [solve(one, None, z) for one in tried]
+        gain, within = (
+            measure(tried[1], fits[1])[j] - measure(tried[0], fits[0])[j] for measure in (_left_out, explained)
+        )
+        if gain > TUNING.worth and within > TUNING.speedy:
+            shapes[j] = more.shapes[j]
+    return shapes
+
+
+def risen(problem: RobotProblem, z: Array, j: int, shape: DryShape) -> float:
+    """Return by how much likelier a joint's own residual is where its dry friction rises with speed [nats].
+
+    Its own terms settle anew, links stay.
+
+    Args:
+        problem: with plain friction.
+        z: (Z,) its fit.
+        j: joint.
+        shape: how friction rises.
+    """
+    sums, n = problem.sums, problem.n
+    own = sums.columns[:, j, 10 * n : 10 * n + len(OWN)]
+    parts = zip(sums.records.records, sums.signs, strict=True)
+    column = np.concatenate([low_passed(law(r, j, s, shape), r)[r.kept] for r, s in parts])
+    counted = sums.weights[:, j] > 0.0
+    left = sums.left(problem.difference(z))[counted, j]
+    plain = own[counted]
+    more = np.column_stack([plain, column[counted] - plain[:, OWN.index("coulomb")]])
+    fits = [np.linalg.lstsq(X, left, rcond=None)[0] for X in (plain, more)]
+    if fits[1][-1] <= 0.0:
+        return 0.0
+    squares = [float(np.sum((left - X @ fit) ** 2)) for X, fit in zip((plain, more), fits, strict=True)]
+    samples = float(problem.share[j] * sums.counted[j])
+    return 0.5 * samples * float(np.log(max(squares[0], 1e-30) / max(squares[1], 1e-30)))
+
+
+def _left_out(problem: RobotProblem, z: Array) -> Array:
+    return LeftOut.of(problem, z).likelihood()
 
 
 def explained(problem: RobotProblem, z: Array) -> Array:

@@ -166,13 +166,16 @@ def findings(
 
 
 def name_of(problem: RobotProblem, joint: int, term: int) -> str:
-    """Return the effect that one of `OWN` is on a joint: dry friction that changes with speed has another name."""
-    changes = OWN[term] == "coulomb" and problem.sums.shapes[joint].speed
-    return StribeckFriction.name if changes else NAMES[OWN[term]][0]
+    """Return the effect that one of `OWN` is on a joint: dry friction that falls with speed has its own.
+
+    What rises to its level is no Stribeck effect: it is Coulomb's friction, as what builds up over a way is.
+    """
+    falls = OWN[term] == "coulomb" and problem.sums.shapes[joint].speed and problem.sums.shapes[joint].crawl > 1.0
+    return StribeckFriction.name if falls else NAMES[OWN[term]][0]
 
 
 def _changing(problem: RobotProblem, z: Array, spread: Array, model: Model, sure: dict[str, float]) -> list[Finding]:
-    """Return the finding of dry friction that changes as joints get under way, if there is any."""
+    """Return the finding of dry friction that falls as joints get under way, if there is any."""
     k, name = OWN.index("coulomb"), StribeckFriction.name
     chosen = [j for j in range(problem.n) if problem.said[j, k] and name_of(problem, j, k) == name]
     if not chosen:
@@ -237,12 +240,28 @@ def error_of(problem: RobotProblem, z: Array, spread: Array, place: int) -> floa
     Of what the description states and is all taken away, no more than if nothing were known but that it is too much.
     """
     error = float(np.sqrt(spread[place, place]))
-    if OWN[(place - 10 * problem.n) % len(OWN)] in FRICTION:
+    joint, term = divmod(place - 10 * problem.n, len(OWN))
+    if OWN[term] in FRICTION:
         error = float(np.hypot(error, TUNING.rough * z[place]))
+    if OWN[term] == "coulomb":
+        error = float(np.hypot(error, falls_short(problem, joint) * z[place]))
     most = abs(problem.lower[place]) / np.sqrt(12.0)
     if z[place] > problem.lower[place] or not np.isfinite(most):
         return error
     return float(min(error, most)) if error > 0.0 else float(most)
+
+
+def falls_short(problem: RobotProblem, joint: int) -> float:
+    """Return by which share of its level dry friction that rises with speed falls short, RMS over the logs' motion.
+
+    A joint that hardly gets under way tells little of the level that its friction would rise to.
+    """
+    shape, sums = problem.sums.shapes[joint], problem.sums
+    if not shape.speed or shape.crawl >= 1.0:
+        return 0.0
+    v = np.concatenate([record.v[record.kept, joint] for record in sums.records.records])
+    short = (1.0 - shape.crawl) * np.exp(-((v[sums.weights[:, joint] > 0.0] / shape.speed) ** 2))
+    return float(np.sqrt(np.mean(short**2)))
 
 
 def _of_links(problem: RobotProblem, z: Array, spread: Array, sure: dict[str, float]) -> Finding:

@@ -33,6 +33,7 @@ from twin_diagram.gap.whole_robot.loads import TUNING as LOADS
 from twin_diagram.gap.whole_robot.loads import loaded, needed
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, known_spreads, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import Links
+from twin_diagram.gap.whole_robot.stated_rotors import drawn_to_stated
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations, equations
 from twin_diagram.gap.whole_robot.unusual import least, price, room_for, unusual
 from twin_diagram.gap.whole_robot.which_motor import in_doubt
@@ -83,7 +84,7 @@ def explain(records: Records, *, known: bool = False, told: Array | None = None)
     if known:
         spreads = known_spreads(told)
         whole = replace(whole, spread=max(spreads), spreads=spreads, told=told, known=True)
-    bare, first = shaped(*settled(whole))
+    bare, first = shaped(*drawn_to_stated(*settled(whole)))
     whole, start = evident(bare, first)
     plain = best_of(whole, start, known)
     if whole.sums.further:

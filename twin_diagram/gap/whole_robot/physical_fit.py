@@ -72,6 +72,7 @@ class RobotProblem:
         told: (10 n, 10 n) covariance that links' coordinates were found with before, which the spread comes on top of;
             None: they were not, or it is not known.
         known: whether they were found before: they are then rather as they were.
+        rotors: share of itself by which a rotor that the description states may be off, one standard deviation.
         held: (Z,) coordinates at which what acts for a while is held; None: it is fitted like all else.
 
     Coordinates are Z = 14 n + E numbers: links' ten each, joints' own four each, the sums' further coefficients.
@@ -89,6 +90,7 @@ class RobotProblem:
     spreads: tuple[float, ...] = TUNING.spreads
     told: Array | None = None
     known: bool = False
+    rotors: float = np.inf
     held: Array | None = None
 
     @property
@@ -133,8 +135,12 @@ class RobotProblem:
 
     @property
     def own_deviation(self) -> Array:
-        """(n, 4) of joints' own terms, next to free."""
+        """(n, 4) of joints' own terms, next to free, but for rotors that are stated."""
         own = TUNING.own * self.sums.residual_rms[:, None] / np.maximum(self.sums.own_size, 1e-9)
+        if np.isfinite(self.rotors):
+            k = OWN.index("rotor")
+            stated = np.where(self.stated[:, k], -self.rotors * self.least[:, k], np.inf)
+            own[:, k] = np.minimum(own[:, k], stated)
         return np.maximum(own, 1e-9)
 
     @cached_property
