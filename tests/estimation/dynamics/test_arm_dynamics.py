@@ -10,8 +10,8 @@ from pydrake.multibody.tree import BallRpyJoint, PrismaticJoint, RevoluteJoint, 
 from tests.estimation.small_arms import EFFORT, INERTIA, RADIUS, SPEED, crank, gantry
 from tests.estimation_bench import HOME, twin_terms
 from twin_diagram.errors import ModelError
-from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, Laws
-from twin_diagram.estimation.dynamics.link_frame import LinkFrame, skew, turned_rate
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, Laws, skew
+from twin_diagram.estimation.dynamics.link_frame import LinkFrame, turned_rate
 
 GRAVITY = 9.81
 

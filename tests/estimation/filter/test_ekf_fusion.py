@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tests.estimation_bench import HOME, JOINTS, twin_terms
-from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, Laws
-from twin_diagram.estimation.dynamics.link_frame import LinkFrame, skew
+from twin_diagram.estimation.dynamics.arm_dynamics import ArmTerms, Laws, skew
+from twin_diagram.estimation.dynamics.link_frame import LinkFrame
 from twin_diagram.estimation.filter.belief import Entry
 from twin_diagram.estimation.filter.disturbance import creep_std
 from twin_diagram.estimation.filter.ekf import Ekf
