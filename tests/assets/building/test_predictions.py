@@ -12,10 +12,12 @@ from tests.assets.building.pictured import Shots, box, cameras, shots
 from twin_diagram.assets.building import cube_faces, levelling
 from twin_diagram.assets.building.cube_outline import outlined_edges
 from twin_diagram.assets.building.cube_scale import Cube, is_green
-from twin_diagram.assets.building.depth_view import DepthView, make_view, view_points
+from twin_diagram.assets.building.depth_view import DepthView, make_view, near_edges, view_points
 from twin_diagram.assets.building.fusion import DistanceField, FusionGrid, without, without_hand, without_remains
+from twin_diagram.assets.building.inertia import enclosed
 from twin_diagram.assets.building.levelling import levelled
 from twin_diagram.assets.building.predictions import metric, read_predictions
+from twin_diagram.assets.building.reconstruct import reconstruct
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.hand_boxes import Boxes
 from twin_diagram.logs.frames.view_camera import ViewCamera
@@ -90,7 +92,7 @@ def test_scale_is_found_to_a_percent(taken: Shots, tmp_path: Path, disturbed: di
     assert factor == pytest.approx(disturbed.get("unit", 0.37), rel=0.01)
     assert cube.edge == EDGE
     np.testing.assert_allclose(cube.centre, [*AT, EDGE / 2], atol=0.004)
-    assert all(frame.beside is not None and frame.beside.any() for frame in frames.frames)
+    assert all(frame.no_surface is not None and frame.no_surface.any() for frame in frames.frames)
 
 
 def test_confidences_that_overflow_in_half_precision_are_sure(taken: Shots, tmp_path: Path) -> None:
@@ -106,6 +108,24 @@ def test_confidences_that_overflow_in_half_precision_are_sure(taken: Shots, tmp_
     np.savez(file, **told)
     with pytest.raises(FramesError, match="world_points_conf holds values that are no finite numbers"):
         read_predictions(file)
+
+
+def test_rims_that_a_network_is_unsure_of_end_where_others_look_past(taken: Shots, tmp_path: Path) -> None:
+    file = written(taken, tmp_path / "p.npz")
+    with np.load(file) as data:
+        told = dict(data)
+    edge = np.stack([near_edges(frame.depth, frame.camera.fx, 3) for frame in taken.frames])
+    told["world_points_conf"] = np.where(edge, 1.0, told["world_points_conf"])
+    np.savez(file, **told)
+    read = read_predictions(file)
+    assert not any(((one.depth > 0) & rim).any() for one, rim in zip(read.frames, edge, strict=True))
+    frames, cube, _ = metric(read, EDGE, "p")
+    for one, rim in zip(frames.frames, edge, strict=True):  # rays pass as far as is told there, and find no surface
+        assert one.no_surface is not None and one.no_surface[rim & (one.depth > 0)].all()
+    found = reconstruct(frames, "p", beside=cube)
+    above = found.vertices[found.vertices[:, 2] > 0.003]  # at its foot the table is as unsure
+    assert (above < [0.032, 0.027, 0.052]).all() and (above > [-0.032, -0.027, 0]).all()
+    assert enclosed(found.vertices, found.faces, "block").volume == pytest.approx(0.06 * 0.05 * 0.05, rel=0.04)
 
 
 @pytest.mark.slow
@@ -222,7 +242,7 @@ def test_what_stands_beside_is_no_surface_and_ends_rays(taken: Shots) -> None:
     frame = taken.frames[3]
     beside = np.zeros(frame.depth.shape, bool)
     beside[60:80, 90:110] = True
-    view = make_view(frame.camera, frame.depth, beside=beside)
+    view = make_view(frame.camera, frame.depth, no_surface=beside)
     assert not view.trust[beside].any() and view.near_edge[beside].all()
     np.testing.assert_array_equal(view.depth, frame.depth)
     assert view.trust[~beside].max() > 0.9

@@ -98,11 +98,11 @@ def make_view(
     rgb: npt.NDArray[np.uint8] | None = None,
     colour: ViewCamera | None = None,
     reach: int = TUNING.edge_reach,
-    beside: Mask | None = None,
+    no_surface: Mask | None = None,
 ) -> DepthView:
     """Return a view from its images; `colour` where the colour camera is another one, `reach` as of `near_edges`.
 
-    Where something known is seen `beside` the object (h, w), no surface is trusted, and rays end at it.
+    Where `no_surface` of the object is seen (h, w), none is trusted, and rays end at the depth there.
     """
     there = depth > 0
     edge = near_edges(depth, camera.fx, reach)
@@ -115,8 +115,8 @@ def make_view(
     # At edges, where nothing else is known, depth that neighbours share is better than none: rims are all edge.
     trust = np.where(edge & _shared(depth), TUNING.at_edges, trust).astype(np.float32)
     across = np.where(edge, TUNING.edge_across, across).astype(np.float32)
-    if beside is not None:
-        trust, edge = np.where(beside, 0, trust).astype(np.float32), edge | beside
+    if no_surface is not None:
+        trust, edge = np.where(no_surface, 0, trust).astype(np.float32), edge | no_surface
     return DepthView(
         camera, depth, normals, trust, np.maximum(across, 0.05), edge, mask, rgb, camera if colour is None else colour
     )
@@ -128,8 +128,8 @@ def thinned(frame: RgbdFrame, step: int) -> DepthView:
     apart = frame.colour is not frame.camera
     camera = _every(frame.camera, step, depth.shape)
     size = depth.shape if mask is None else mask.shape
-    beside = None if frame.beside is None else frame.beside[::step, ::step]
-    return make_view(camera, depth, mask, None, _every(frame.colour, step, size) if apart else None, 1, beside)
+    none = None if frame.no_surface is None else frame.no_surface[::step, ::step]
+    return make_view(camera, depth, mask, None, _every(frame.colour, step, size) if apart else None, 1, none)
 
 
 def cropped(frame: RgbdFrame, points: Array, margin: int) -> DepthView | None:
@@ -147,9 +147,9 @@ def cropped(frame: RgbdFrame, points: Array, margin: int) -> DepthView | None:
     mask = None if frame.mask is None else frame.mask[shown]
     rgb = None if frame.rgb is None else frame.rgb[shown]
     camera = _within(frame.camera, window)
-    beside = None if frame.beside is None else frame.beside[window]
+    none = None if frame.no_surface is None else frame.no_surface[window]
     colour = None if own else _within(frame.colour, shown)
-    view = make_view(camera, frame.depth[window], mask, rgb, colour, beside=beside)
+    view = make_view(camera, frame.depth[window], mask, rgb, colour, no_surface=none)
     return replace(view, corner=(window[0].start, window[1].start))
 
 

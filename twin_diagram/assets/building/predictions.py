@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from twin_diagram.assets.building.cube_faces import fit_cube
 from twin_diagram.assets.building.cube_scale import Cube, is_green, rough_cubes
-from twin_diagram.assets.building.depth_view import DepthView, make_view, view_points
+from twin_diagram.assets.building.depth_view import DepthView, Map, make_view, view_points
 from twin_diagram.assets.building.levelling import LevelViews, levelled, surfaces_agree
 from twin_diagram.assets.building.support_plane import find_plane
 from twin_diagram.errors import FramesError
@@ -67,9 +67,15 @@ _NAMES = {"world_points": 4, "world_points_conf": 3, "extrinsic": 3, "intrinsic"
 
 @dataclass(frozen=True)
 class PredictedFrames:
-    """Frames of a prediction, in its own unit until `scaled`."""
+    """Frames of a prediction, in its own unit until `scaled`.
+
+    Attributes:
+        frames: with depth where the network is sure of it.
+        unsure: of each frame (h, w), depth where it is not, else 0: no surface is taken from it, but rays pass as far.
+    """
 
     frames: tuple[RgbdFrame, ...]
+    unsure: tuple[Map, ...]
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -87,7 +93,8 @@ class PredictedFrames:
         files = numbered(Path(folder), of_objects=True)
         if sorted(files) != list(range(len(self.frames))):
             raise FramesError(f"{folder}: {len(files)} masks, there are {len(self.frames)} frames, numbered from 0")
-        return PredictedFrames(tuple(replace(f, mask=read_mask(files[f.number], f.depth.shape)) for f in self.frames))
+        masked = tuple(replace(f, mask=read_mask(files[f.number], f.depth.shape)) for f in self.frames)
+        return replace(self, frames=masked)
 
     def scaled(self, factor: float) -> PredictedFrames:
         """Return the same with lengths times `factor`."""
@@ -95,11 +102,20 @@ class PredictedFrames:
         for f in self.frames:
             camera = f.camera.moved(f.camera.R_WC, f.camera.p_WC * factor)
             made.append(replace(f, depth=(f.depth * factor).astype(np.float32), colour=camera, camera=camera))
-        return PredictedFrames(tuple(made))
+        return PredictedFrames(tuple(made), tuple((one * factor).astype(np.float32) for one in self.unsure))
 
     def without(self, cube: Cube) -> PredictedFrames:
         """Return the same with it said where the cube is seen."""
-        return PredictedFrames(tuple(replace(f, beside=_shows(f, cube)) for f in self.frames))
+        return replace(self, frames=tuple(replace(f, no_surface=_shows(f, cube)) for f in self.frames))
+
+    def looked_through(self) -> PredictedFrames:
+        """Return the same with depth where the network is not sure, too, and with it said that no surface is there."""
+        made = []
+        for f, unsure in zip(self.frames, self.unsure, strict=True):
+            blank = unsure > 0
+            none = blank if f.no_surface is None else blank | f.no_surface
+            made.append(replace(f, depth=np.where(blank, unsure, f.depth), no_surface=none))
+        return PredictedFrames(tuple(made), tuple(np.zeros_like(one) for one in self.unsure))
 
 
 def _shows(frame: RgbdFrame, cube: Cube) -> npt.NDArray[np.bool_]:
@@ -147,13 +163,13 @@ def read_predictions(path: str | Path) -> PredictedFrames:
         if array.dtype.kind not in "fui" or not np.isfinite(array).all():
             raise FramesError(f"{path}: {name} holds values that are no finite numbers")
     rgb = _bytes(path, images)
-    depths = _depths(points, sure, extrinsic)
+    depths, unsure = _depths(points, sure, extrinsic)
     frames = []
     for k, depth in enumerate(depths):
         camera = _camera(path, k, extrinsic[k].astype(float), intrinsic[k].astype(float), (height, width))
         lens = _lens(camera, points[k].astype(float), depth)
         frames.append(RgbdFrame(k, float(k), rgb[k], depth, None, lens, lens))
-    return PredictedFrames(tuple(frames))
+    return PredictedFrames(tuple(frames), tuple(unsure))
 
 
 def _finite(sure: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -183,8 +199,8 @@ def _bytes(path: Path, images: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
     return images.astype(np.uint8) if whole else np.round(255 * np.clip(images, 0, 1)).astype(np.uint8)
 
 
-def _depths(points: Array, sure: Array, extrinsic: Array) -> list[npt.NDArray[np.float32]]:
-    """Return each view's depth (h, w), 0 where the network is not sure, or says that a point is at its lens."""
+def _depths(points: Array, sure: Array, extrinsic: Array) -> tuple[list[Map], list[Map]]:
+    """Return each view's depth (h, w) where the network is sure, and where it is not; else 0, and at its lens."""
     floor = np.quantile(sure, TUNING.doubtful)
     if floor <= sure.min() < sure.max():  # more is not sure at all than is left out
         floor = sure[sure > sure.min()].min()
@@ -192,7 +208,12 @@ def _depths(points: Array, sure: Array, extrinsic: Array) -> list[npt.NDArray[np
     good = [(one > 0) & (own >= floor) for one, own in zip(raw, sure, strict=True)]
     all_good = np.concatenate([one[own] for one, own in zip(raw, good, strict=True)])
     least = TUNING.nearest * float(np.median(all_good)) if len(all_good) else 0.0
-    return [np.where(own & (one > least), one, 0).astype(np.float32) for one, own in zip(raw, good, strict=True)]
+    known, unsure = [], []
+    for one, own in zip(raw, good, strict=True):
+        there = one > max(least, 0.0)
+        known.append(np.where(own & there, one, 0).astype(np.float32))
+        unsure.append(np.where(~own & there, one, 0).astype(np.float32))
+    return known, unsure
 
 
 def _camera(path: Path, k: int, X: Array, K: Array, size: tuple[int, int]) -> ViewCamera:
@@ -207,7 +228,7 @@ def _camera(path: Path, k: int, X: Array, K: Array, size: tuple[int, int]) -> Vi
     return ViewCamera(size[1], size[0], float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]), R.T, -R.T @ t)
 
 
-def _lens(camera: ViewCamera, points: Array, depth: npt.NDArray[np.float32]) -> ViewCamera:
+def _lens(camera: ViewCamera, points: Array, depth: Map) -> ViewCamera:
     """Return a camera whose focal lengths and centre are the points' own, where those told project them elsewhere.
 
     A network predicts its points beside its cameras; a pixel u shows its point where u = fx x/z + cx.
@@ -261,12 +282,15 @@ def metric(predicted: PredictedFrames, cube_edge: float, where: str) -> tuple[Pr
     else:
         raise wrong or FramesError(f"{where}: no green cube")
     last = cube_edge / cube.edge
-    frames = [
-        replace(f, depth=view.depth, camera=view.camera, colour=view.camera)
-        for f, view in zip(predicted.frames, views, strict=True)
-    ]
+    frames, unsure = [], []
+    for f, blank, view in zip(predicted.frames, predicted.unsure, views, strict=True):
+        frames.append(replace(f, depth=view.depth, camera=view.camera, colour=view.camera))
+        there = f.depth > 0
+        scale = np.median(view.depth[there] / f.depth[there]) if there.any() else 0.0  # each view's was found
+        unsure.append((blank * scale).astype(np.float32))
     cube = replace(cube, edge=cube_edge, centre=cube.centre * last)
-    return PredictedFrames(tuple(frames)).scaled(last).without(cube), cube, factor * rough * last
+    made = PredictedFrames(tuple(frames), tuple(unsure)).scaled(last).without(cube)
+    return made.looked_through(), cube, factor * rough * last
 
 
 def _measured(level: LevelViews, candidate: Cube, edge: float, where: str) -> tuple[list[DepthView], Cube, float]:

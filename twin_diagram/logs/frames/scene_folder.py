@@ -53,7 +53,8 @@ class RgbdFrame:
         mask: (h, w) where the object shows, or None.
         colour: the camera of `rgb` and `mask`.
         camera: that of `depth`; the same one where there is no `camera_extra.json`.
-        beside: (h', w') where depth is that of something known, which is not the object; or None.
+        no_surface: (h', w') where depth shows none of the object's surface, but rays pass as far: it is of something
+            known, or nobody is sure of it; or None.
     """
 
     number: int
@@ -63,7 +64,7 @@ class RgbdFrame:
     mask: Mask | None
     colour: ViewCamera
     camera: ViewCamera
-    beside: Mask | None = None
+    no_surface: Mask | None = None
 
 
 class FrameFolder:
