@@ -33,18 +33,22 @@ def table(half: float = 0.5) -> trimesh.Trimesh:
     return trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False)
 
 
+def looking(azimuth: float, elevation: float, middle: float, distance: float) -> ViewCamera:
+    """A camera [rad, m] that looks at the z axis at a height, its picture upright."""
+    c, s = np.cos(elevation), np.sin(elevation)
+    away = np.array([c * np.cos(azimuth), c * np.sin(azimuth), s])
+    x = np.cross(-away, [0.0, 0, 1])
+    x /= np.linalg.norm(x)
+    R = np.stack([x, np.cross(-away, x), -away], axis=1)
+    return ViewCamera(200, 160, 300.0, 300.0, 99.5, 79.5, R, away * distance + [0, 0, middle])
+
+
 def cameras(
     count: int, middle: float, low: float = 15.0, high: float = 78.0, distance: float = 0.35
 ) -> list[ViewCamera]:
-    made = []
-    for k in range(count):
-        azimuth, height = 2 * np.pi * 0.381966 * k, np.radians(low + (high - low) * (k + 0.5) / count)
-        away = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)])
-        x = np.cross(-away, [0.0, 0, 1])
-        x /= np.linalg.norm(x)
-        R = np.stack([x, np.cross(-away, x), -away], axis=1)
-        made.append(ViewCamera(200, 160, 300.0, 300.0, 99.5, 79.5, R, away * distance + [0, 0, middle]))
-    return made
+    """Cameras on a spiral from a low to a high elevation [deg]."""
+    heights = np.radians(low + (high - low) * (np.arange(count) + 0.5) / count)
+    return [looking(2 * np.pi * 0.381966 * k, height, middle, distance) for k, height in enumerate(heights)]
 
 
 @dataclass(frozen=True)
@@ -121,13 +125,4 @@ def write(taken: Shots, folder: Path, depth_scale: float = 0.1) -> Path:
 
 def rings(count: int, elevations: tuple[float, ...], middle: float, distance: float = 0.35) -> list[ViewCamera]:
     """Cameras all around, so many at each elevation [deg]."""
-    made = []
-    for elevation in elevations:
-        for k in range(count):
-            azimuth, height = 2 * np.pi * k / count, np.radians(elevation)
-            away = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)])
-            x = np.cross(-away, [0.0, 0, 1])
-            x /= np.linalg.norm(x)
-            R = np.stack([x, np.cross(-away, x), -away], axis=1)
-            made.append(ViewCamera(200, 160, 300.0, 300.0, 99.5, 79.5, R, away * distance + [0, 0, middle]))
-    return made
+    return [looking(2 * np.pi * k / count, np.radians(e), middle, distance) for e in elevations for k in range(count)]
