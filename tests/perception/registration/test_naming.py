@@ -134,6 +134,23 @@ def test_colours_that_fit_one_way_round_alone_speak_beside_those_of_which_many_f
     assert told_by_colours(box, asked, replace(little, likeness=one.shape, quality=one.shape)) == 3.0
 
 
+@pytest.mark.parametrize("around", ["alone", "held", "goes on"])
+def test_colours_say_nothing_of_a_patch_in_the_air_that_goes_on_where_the_object_ends(box: Known, around: str) -> None:
+    """A forearm's end beside a box's paint was named a second box by its colours."""
+    thing = replace(standing(box, np.ones(3)), R=np.eye(3), p=np.array([0.5, 0.0, 0.35]))
+    _, across, up = np.diag(thing.asset.size)
+    sides = {"alone": (), "held": (up,), "goes on": (up, -up, across, -across, up + across, up - across)}[around]
+    beside = [replace(thing, seed=8, p=thing.p + side) for side in sides]
+    rgb, depth, _ = picture(camera(), [thing, *beside], np.random.default_rng(1901))
+    segments = segment(rgb, depth, 1.0, Grid.of(camera(), 2), ROOM)
+    view = View(segments, Frame.of(segments), PARAMS, 60)
+    one = at(box, thing, view)
+    assert told_by_colours(box, view, one) > 2.0, "of which much fits"
+    told = naming(box, view, one)
+    assert told.looks == 0
+    assert told.probability < 0.5 if around == "goes on" else told.probability > 0.8
+
+
 def test_colours_say_nothing_where_the_image_shows_a_plain_thing(box: Known) -> None:
     """A forearm's white end fitted four fifths of a carton's colours, and was named one with 0.9."""
     thing = standing(box, np.ones(3))

@@ -12,8 +12,10 @@ import numpy as np
 
 from twin_diagram.perception.registration.colour_contrast import painted_alike
 from twin_diagram.perception.registration.colour_margin import turn_speaks
+from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming import TUNING as NAMING
 from twin_diagram.perception.registration.naming import Naming
+from twin_diagram.perception.registration.outline import outline, own_points
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.settling import settle
 from twin_diagram.perception.registration.shape_evidence import ShapeEvidence, shape_evidence
@@ -55,6 +57,14 @@ class Tuning:
 
     silent: tuple[float, float] = (-0.5, 1.0)
     """Where shape says nothing, the odds start from there: of coloured objects, and of those without colours [nat]."""
+
+    edge: float = 1.5
+    """In the air, an outline is in place within so many cells, …"""
+
+    ends: tuple[float, float] = (0.35, 0.5)
+    """… and colours speak where such a share of it is: not at all with less, fully with more. What forearms held had
+    0.51 to 1, patches of forearms that passed for a box or a can by their own paint or a neighbour's 0.04 to 0.38, but
+    for one of 30 cells with 0.57 (`sims/benchmarks/followed_scenes.py`, seeds 12, 100403, 100404)."""
 
     never: float = -2.5
     """What has shorter odds is not taken for the object at all [nat]."""
@@ -99,8 +109,11 @@ def naming(known: Known, view: View, one: RegisteredPose) -> Naming:
     """
     model = known.model
     colours = told_by_colours(known, view, one)
-    # What something carries hides its outline, and stands on nothing.
-    evidence = None if floats(known, view, one) else shape_evidence(model, view.frame, view.segments, one)
+    evidence = None
+    if floats(known, view, one):  # What carries it hides a part of its outline, and it stands on nothing.
+        colours *= ends_alike(model, view, one)
+    else:
+        evidence = shape_evidence(model, view.frame, view.segments, one)
     if evidence is None:
         return Naming(colours + TUNING.silent[0 if model.coloured else 1])
     shape = TUNING.each * (evidence.odds - TUNING.even)
@@ -130,6 +143,19 @@ def told_by_colours(known: Known, view: View, one: RegisteredPose) -> float:
     if spoken >= TUNING.colours[1] or not view.params.told_by_shape:
         return spoken
     return max(spoken, turn_speaks(known.model, view.frame, one))
+
+
+def ends_alike(model: ModelCloud, view: View, one: RegisteredPose) -> float:
+    """Return from 0 to 1 whether a thing in the air ends where the object does, but for what something holds of it.
+
+    A box's side fits anywhere on a forearm, and with a neighbour's paint its colours do: but there the forearm goes on.
+    """
+    own = own_points(model, view.segments, one)[1]
+    seen = outline(model, view.frame, view.segments, one, own)
+    if seen is None:
+        return 1.0
+    low, high = TUNING.ends
+    return float(np.clip((seen.in_place(TUNING.edge) - low) / (high - low), 0.0, 1.0))
 
 
 def passes(evidence: ShapeEvidence, shape: float) -> bool:

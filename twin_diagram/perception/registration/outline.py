@@ -84,6 +84,10 @@ class Outline:
     outside: float
     missed: float
 
+    def in_place(self, within: float) -> float:
+        """Return the share of the model's outline that the image's is within so many cells of."""
+        return float(np.mean(np.abs(self.apart) <= within))
+
 
 def height_above(table: Array, points_W: Array) -> Array:
     """Return how high points (N, 3) are above a table z = a x + b y + c [m]."""
