@@ -10,10 +10,13 @@ import pytest
 
 from tests.gap.made import ARM, ELBOW, HOME, LIFT, effect, record, swing
 from tests.gap.whole_robot.test_explain import LEVEL, lacking
+from twin_diagram.gap.findings import Estimate
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import found_before, taking_over
-from twin_diagram.gap.whole_robot.concluding import every_beside
+from twin_diagram.gap.whole_robot.concluding import concluded, every_beside
 from twin_diagram.gap.whole_robot.estimates import covariance
+from twin_diagram.gap.whole_robot.explain import begun, beside_what_was_found, explain, settled
+from twin_diagram.gap.whole_robot.torque_equations import OWN, equations
 from twin_diagram.model.description.corrected_folder import CorrectedStanding
 from twin_diagram.model.effects import Effect
 from twin_diagram.model.model import Model
@@ -95,3 +98,57 @@ def test_what_has_changed_leaves_more(change: Effect, joints: list[int]) -> None
     ratio, expected = beyond(true.with_effects([*true.effects, change]))
     assert np.all(ratio[joints] > 1.5 * taking_over.TUNING.known)
     assert not taking_over.no_news(ARM, [], None, ratio, expected)
+
+
+def prior(rows: int | None = None) -> Array:
+    """What was found of the arm before, as it draws later fits."""
+    _, found = lacking()
+    told = found_before.prior_of(found_before.told_of(standing(rows), found.model))
+    assert told is not None
+    return told
+
+
+def test_a_folder_of_links_alone_draws_links_alone() -> None:
+    assert len(prior()) == 14 * N and len(prior(10 * N)) == 10 * N
+
+
+def with_load() -> Records:
+    """A later log of the arm with 2 kg in its hand."""
+    true, _ = lacking()
+    load = effect("payload", links=["tool0"], mass=2.0, com=[0.0, 0.0, 0.05])
+    return later(true.with_effects([*true.effects, load]))
+
+
+def test_offsets_and_rotors_are_drawn_to_what_was_found_and_friction_is_not() -> None:
+    records = with_load()
+    whole = replace(begun(records, equations(records)), known=True, spread=0.005)
+    wide, near = (replace(whole, told=told).own_deviation for told in (prior(10 * N), prior()))
+    for term in ("bias", "rotor"):
+        assert np.all(near[:, OWN.index(term)] < 0.5 * wide[:, OWN.index(term)])
+    for term in ("viscous", "coulomb"):
+        np.testing.assert_allclose(near[:, OWN.index(term)], wide[:, OWN.index(term)])
+
+
+def test_a_heavier_last_link_with_offsets_is_a_payload_where_that_says_less() -> None:
+    records = with_load()
+    whole = replace(begun(records, equations(records)), known=True, told=prior(10 * N), spread=0.005, spreads=(0.005,))
+    whole, _ = settled(whole)
+    own = np.zeros_like(whole.own_free)
+    own[:, OWN.index("bias")] = True
+    found = concluded(replace(whole, links_free=np.arange(N) == N - 1, own_free=own))
+    assert found is not None and "payload" not in [one.name for one in found.findings]
+    loads = {one.name: one for one in beside_what_was_found(found, whole, prior()).findings}
+    mass = loads["payload"].parameters["mass"]
+    assert "inertial_parameters" not in loads and len(loads) <= len(found.findings)
+    assert isinstance(mass, Estimate) and mass.value == pytest.approx(2.0, abs=3.0 * float(np.max(mass.std)))
+
+
+def test_an_offset_that_has_changed_is_no_payload() -> None:
+    true, _ = lacking()
+    records = later(true.with_effects([*true.effects, effect("torque_bias", [ARM.joints[ELBOW]], torque=4.0)]))
+    found = explain(records, known=True, told=prior())
+    assert found is not None and [(one.name, one.joints) for one in found.findings] == [
+        ("torque_bias", (ARM.joints[ELBOW],))
+    ]
+    torque = found.findings[0].parameters["torque"]
+    assert isinstance(torque, dict) and torque[ARM.joints[ELBOW]].value == pytest.approx(4.0, abs=0.2)

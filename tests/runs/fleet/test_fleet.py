@@ -301,12 +301,43 @@ def test_the_first_day_is_the_first_of_dates_of_one_kind(dates: list[str], first
         (HEADER + "r,1,m,;,h\n", "line 2: nothing in fit"),
         ("robot,robot," + HEADER.split(",", 1)[1] + "r,s,1,m,a,h\n", "line 1: column robot is there 2 times"),
         (HEADER + "r,2026-03-01,m,a,h\nr,2026-02-30,m,a,h\n", "line 3: date '2026-02-30' is on no calendar"),
+        (
+            HEADER.replace("\n", ",torque_side\n") + "r,1,m,a,h,\nr,2,m,a,h,sensor\n",
+            "line 3: torque_side 'sensor': it is motor or link, or empty",
+        ),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused(text: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "fleet.csv").write_text(text)
     with pytest.raises(TwinError, match=said):
         read_fleet(tmp_path / "fleet.csv")
+
+
+def test_a_robots_own_torque_side_wins_over_the_one_told_of_all(
+    three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: dict[str, list[str]] = {}
+
+    def run(command: list[str], timeout: float) -> tuple[int, str, str]:
+        model, out = (Path(command[command.index(name) + 1]) for name in ("--model", "--out"))
+        told[model.name] = [command[k + 1] for k, part in enumerate(command) if part == "--torque-side"]
+        (out / "gap.json").write_text(json.dumps(ANSWER))
+        return 0, "", ""
+
+    monkeypatch.setattr(work, "_run", run)
+    head, *rows = three.read_text().splitlines()
+
+    def asks(*sides: str, options: tuple[str, ...] = ()) -> dict[str, list[str]]:
+        told.clear()
+        lines = [f"{head},torque_side", *(f"{row},{side}" for row, side in zip(rows, sides, strict=True))]
+        three.write_text("\n".join(lines) + "\n")
+        fleet.run_fleet(three, tmp_path / "out", options=options)
+        return dict(told)
+
+    assert asks("link", "", "motor") == {"m1.urdf": ["link"], "m2.urdf": [], "m3.urdf": ["motor"]}
+    assert asks("link", "", "link") == {"m3.urdf": ["link"]}, "another side is another question, none is not"
+    last = asks("link", "", "motor", options=("--torque-side", "link"))
+    assert [last[f"m{k}.urdf"][-1] for k in (1, 2, 3)] == ["link", "link", "motor"]
 
 
 def test_a_table_may_come_from_a_spreadsheet(tmp_path: Path) -> None:

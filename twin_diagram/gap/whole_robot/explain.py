@@ -78,12 +78,13 @@ def explain(records: Records, *, known: bool = False, told: Array | None = None)
     Args:
         records: prepared with the given model.
         known: whether that was corrected before: links are then as they were, and all names are looked for first.
-        told: (10 n, 10 n) covariance that links' coordinates were then found with, if that is known.
+        told: covariance that they were then found with, if known, see `RobotProblem`.
     """
     whole = begun(records, equations(records))
     if known:
-        spreads = known_spreads(told)
-        whole = replace(whole, spread=max(spreads), spreads=spreads, told=told, known=True)
+        spreads, links = known_spreads(told), 10 * records.n
+        found_so = None if told is None else told[:links, :links]
+        whole = replace(whole, spread=max(spreads), spreads=spreads, told=found_so, known=True)
     bare, first = shaped(*drawn_to_stated(*settled(whole)))
     whole, start = evident(bare, first)
     plain = best_of(whole, start, known)
@@ -92,6 +93,8 @@ def explain(records: Records, *, known: bool = False, told: Array | None = None)
     load = loaded(whole, start)
     carried = None if load is None else best_of(*settled(load), known)
     found = better(plain, carried, whole)
+    if found is not None and told is not None and len(told) > 10 * records.n:
+        found = beside_what_was_found(found, whole, told)
     found = None if found is None else well_known(found)
     return None if found is None else in_doubt(found)
 
@@ -133,6 +136,30 @@ def better(plain: WholeRobot | None, carried: WholeRobot | None, whole: RobotPro
         return plain
     carried = as_sure(carried, rise)
     return replace(carried, separation=nearest([carried, plain], judge))
+
+
+def beside_what_was_found(found: WholeRobot, whole: RobotProblem, told: Array) -> WholeRobot:
+    """Return the better of an explanation without a payload and one with it, rotors and offsets being as they were.
+
+    An offset lifts what a load weighs: on short motion one that may be anything makes a load's mass unsure, and stands
+    for it beside a last link that is heavier. A payload is the better one where it says no more, and left-out motion is
+    no less likely.
+
+    Args:
+        found: with offsets that may be anything.
+        whole: with everything usual free.
+        told: (14 n, 14 n) covariance that links and joints' own terms were found with before.
+    """
+    if Payload.name in (c.name for c in found.problem.sums.further):
+        return found
+    near = replace(whole, told=told)
+    load = loaded(near, solve(near))
+    carried = None if load is None else best_of(*settled(load), True)
+    if carried is None or Payload.name not in (c.name for c in carried.problem.sums.further):
+        return found
+    judge = quieter(whole, [found, carried])
+    rise = float(np.sum(likelihood(judge, carried.left) - likelihood(judge, found.left)))
+    return as_sure(carried, LOADS.worth + rise) if rise > 0.0 and carried.terms() <= found.terms() else found
 
 
 def as_sure(found: WholeRobot, rise: float) -> WholeRobot:

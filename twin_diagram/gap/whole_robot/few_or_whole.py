@@ -92,7 +92,7 @@ def looked_for(
     say("fitting the whole robot")
     spread = found_before.told_of(standing, given)
     try:
-        whole = whole_robot(records, logs, known=bool(standing.remainder), told=found_before.of_links(spread))
+        whole = whole_robot(records, logs, known=bool(standing.remainder), told=found_before.prior_of(spread))
     except np.linalg.LinAlgError:  # a log in which next to nothing moves
         whole = None
     recorded = np.array([standing.remainder.get(joint, 0.0) for joint in given.joints])

@@ -64,12 +64,15 @@ def told_of(standing: CorrectedStanding, given: Model) -> Array | None:
     return np.asarray(lower @ lower.T)
 
 
-def of_links(told: Array | None) -> Array | None:
-    """Return the part (10 n, 10 n) of a covariance, see `told_of`, that is of links alone."""
+def prior_of(told: Array | None) -> Array | None:
+    """Return what of a covariance, see `told_of`, draws later fits: links' part alone where it tells of no more.
+
+    Joints' own terms count as sure there, which they were not.
+    """
     if told is None:
         return None
     links = 10 * len(told) // 14
-    return told[:links, :links]
+    return told if np.any(np.diag(told)[links:]) else told[:links, :links]
 
 
 def beyond_expected(records: Records, recorded: Array, told: Array | None) -> tuple[Array, Array]:

@@ -30,6 +30,10 @@ class Tuning:
     own: float = 10.0
     """Prior deviation of a joint's own terms: so many times the residual's size."""
 
+    drift: float = 0.005
+    """Share of the largest torque that a joint logs by which its offset drifts from day to day, one standard
+    deviation: a current's or a torque sensor's zero drifts by tenths of a percent of its range."""
+
     together: float = 0.5
     """Residuals hang together over this long at most [s]: a joint that fits badly must not count ever less for it."""
 
@@ -69,8 +73,8 @@ class RobotProblem:
         own_free: (n, 4) which of joints' own terms may be there.
         spreads: that it may be.
         gone: (n, 4) which of those that the description states are taken to be none at all.
-        told: (10 n, 10 n) covariance that links' coordinates were found with before, which the spread comes on top of;
-            None: they were not, or it is not known.
+        told: (14 n, 14 n) covariance that links' coordinates, then joints' own terms were found with before, or
+            (10 n, 10 n) of links alone; what may have changed since comes on top. None: they were not, or not known.
         known: whether they were found before: they are then rather as they were.
         rotors: share of itself by which a rotor that the description states may be off, one standard deviation.
         held: (Z,) coordinates at which what acts for a while is held; None: it is fitted like all else.
@@ -135,21 +139,28 @@ class RobotProblem:
 
     @property
     def own_deviation(self) -> Array:
-        """(n, 4) of joints' own terms, next to free, but for rotors that are stated."""
+        """(n, 4) of joints' own terms, next to free, but for rotors that are stated, and what was found before.
+
+        Friction changes with warmth and wear, a rotor as little as a link, and an offset drifts.
+        """
         own = TUNING.own * self.sums.residual_rms[:, None] / np.maximum(self.sums.own_size, 1e-9)
-        if np.isfinite(self.rotors):
-            k = OWN.index("rotor")
-            stated = np.where(self.stated[:, k], -self.rotors * self.least[:, k], np.inf)
-            own[:, k] = np.minimum(own[:, k], stated)
+        rotor, bias = OWN.index("rotor"), OWN.index("bias")
+        if self.told is not None and len(self.told) == 14 * self.n:
+            own[:, rotor] = self.spread * np.where(self.stated[:, rotor], -self.least[:, rotor], own[:, rotor])
+            own[:, bias] = np.minimum(own[:, bias], TUNING.drift * self.sums.largest)
+        elif np.isfinite(self.rotors):
+            stated = np.where(self.stated[:, rotor], -self.rotors * self.least[:, rotor], np.inf)
+            own[:, rotor] = np.minimum(own[:, rotor], stated)
         return np.maximum(own, 1e-9)
 
     @cached_property
     def precision(self) -> Array:
-        """(Z, Z) of the prior: what was found of links before hangs together."""
-        deviation, links = self.deviation, 10 * self.n
+        """(Z, Z) of the prior: what was found before hangs together."""
+        deviation = self.deviation
         result = np.diag(deviation**-2.0)
         if self.told is not None:
-            result[:links, :links] = np.linalg.inv(self.told + np.diag(deviation[:links] ** 2))
+            size = len(self.told)
+            result[:size, :size] = np.linalg.inv(self.told + np.diag(deviation[:size] ** 2))
         return result
 
     @cached_property

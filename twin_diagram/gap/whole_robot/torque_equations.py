@@ -118,6 +118,7 @@ class TorqueEquations:
         records: of the kept samples.
         signs: per log (N, n) directions of motion.
         stated_dry: (n,) dry friction that the given model has [N·m].
+        largest: (n,) torque that is logged [N·m].
         shapes: (n) of joints' dry friction.
         further: what else may be there.
         tilt: of the base, on which links weigh: roll and pitch [rad].
@@ -135,6 +136,7 @@ class TorqueEquations:
     records: Records
     signs: tuple[Array, ...]
     stated_dry: Array
+    largest: Array
     shapes: tuple[DryShape, ...]
     weight: LinksWeight
     further: tuple[Candidate, ...] = ()
@@ -274,6 +276,7 @@ def equations(records: Records) -> TorqueEquations:
         records=records,
         signs=terms.signs,
         stated_dry=terms.present.coulomb,
+        largest=np.max([np.max(np.abs(r.torque), axis=0) for r in records.records], axis=0),
         shapes=(DryShape(),) * records.n,
         weight=LinksWeight(records),
     )

@@ -15,8 +15,8 @@ def add_fleet_options(gap: argparse.ArgumentParser) -> None:
         "--fleet",
         type=Path,
         metavar="CSV",
-        help="many robots instead of one: a table with robot,date,model,fit,holdout (fit logs by ;); writes fleet.csv "
-        "and fleet.html, and goes on where it stopped",
+        help="many robots instead of one: a table with robot,date,model,fit,holdout (fit logs by ;), and torque_side "
+        "where they differ in it; writes fleet.csv and fleet.html, and goes on where it stopped",
     )
     gap.add_argument("--jobs", type=int, metavar="N", help="with --fleet: robots at a time (default: 1)")
     gap.add_argument(

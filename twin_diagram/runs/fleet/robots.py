@@ -10,9 +10,13 @@ from datetime import datetime
 from pathlib import Path
 
 from twin_diagram.errors import TwinError
+from twin_diagram.model.description.corrected_folder import TORQUE_SIDES
 
 COLUMNS = ("robot", "date", "model", "fit", "holdout")
-"""Of the table; what else stands in it is left alone."""
+"""Of the table; what else stands in it is left alone, but for `SIDE`."""
+
+SIDE = "torque_side"
+"""A column that there may be: halls have arms that measure before and behind their gears, and one option is for all."""
 
 READ = ("--columns", "--import", "--torque-constants")
 """Options of `gap` that may name a file."""
@@ -31,6 +35,7 @@ class Visit:
         model: its description, or the folder of a corrected model.
         fit: logs that are fitted.
         holdout: the log that proves it.
+        torque_side: of the gears that its torques are measured on; empty: as the command is told of all.
     """
 
     robot: str
@@ -38,6 +43,11 @@ class Visit:
     model: Path
     fit: tuple[Path, ...]
     holdout: Path
+    torque_side: str = ""
+
+    def asked(self, options: tuple[str, ...] = ()) -> tuple[str, ...]:
+        """Return the options of its command, of those for all: what its own line tells counts last, and so wins."""
+        return (*options, "--torque-side", self.torque_side) if self.torque_side else options
 
     @property
     def folder(self) -> str:
@@ -54,6 +64,7 @@ class Visit:
         Returns:
             Of models and logs paths, sizes and times of change count.
         """
+        options = self.asked(options)
         told = [_of_option(name, value) for name, value in zip(("", *options), options, strict=False)]
         for path in (self.model, *self.fit, self.holdout):
             path = path if path.exists() else Path(str(path).partition("#")[0])  # a stream of a bag: the bag itself
@@ -75,8 +86,8 @@ def read_fleet(path: Path) -> list[Visit]:
     """Return the visits of a table, in its order; relative paths are relative to it.
 
     Raises:
-        TwinError: no such file, a column that lacks or is there twice, an empty field, a day that no month has, a cell
-            too many, or one robot twice on one day.
+        TwinError: no such file, a column that lacks or is there twice, an empty field, a day that no month has, a side
+            that no gear has, a cell too many, or one robot twice on one day.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -95,7 +106,7 @@ def read_fleet(path: Path) -> list[Visit]:
         raise TwinError(
             f"--fleet {path}: line 1: no column {', '.join(lacking)}; with commas between they are {','.join(COLUMNS)}"
         )
-    if twice := [column for column in COLUMNS if list(columns).count(column) > 1]:
+    if twice := [column for column in (*COLUMNS, SIDE) if list(columns).count(column) > 1]:
         raise TwinError(f"--fleet {path}: line 1: column {twice[0]} is there {list(columns).count(twice[0])} times")
     visits: dict[tuple[str, str], Visit] = {}
     for number, row in rows:
@@ -109,10 +120,13 @@ def read_fleet(path: Path) -> list[Visit]:
             raise TwinError(f"{where}: date {fields['date']!r} is on no calendar")
         if any(cell.strip() for cell in row.get(None, ())):
             raise TwinError(f"{where}: more cells than columns; fit logs stand in one, with ; between")
+        side = (row.get(SIDE) or "").strip()
+        if side and side not in TORQUE_SIDES:
+            raise TwinError(f"{where}: {SIDE} {side!r}: it is {' or '.join(TORQUE_SIDES)}, or empty")
         key = fields["robot"], fields["date"]
         if key in visits:
             raise TwinError(f"{where}: {key[0]} on {key[1]} stands there twice")
-        visits[key] = Visit(*key, path.parent / fields["model"], fit, path.parent / fields["holdout"])
+        visits[key] = Visit(*key, path.parent / fields["model"], fit, path.parent / fields["holdout"], side)
     return list(visits.values())
 
 

@@ -77,7 +77,7 @@ def work(visit: Visit, out: Path, options: tuple[str, ...], timeout: float) -> V
     """
     folder = out / visit.folder
     folder.mkdir(parents=True, exist_ok=True)
-    command = [*COMMAND, "--model", str(visit.model), "--out", str(folder), *options]
+    command = [*COMMAND, "--model", str(visit.model), "--out", str(folder), *visit.asked(options)]
     command += [part for log in visit.fit for part in ("--fit", str(log))] + ["--holdout", str(visit.holdout)]
     begin, mark = time.perf_counter(), visit.mark(options)
     try:
