@@ -10,11 +10,12 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.planning.grasps import Gripper
-from twin_diagram.runs.learning.bin_view import SeenThing, by_tips, downward, grasps_of_thing, why_not
+from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.cell import Cell
 from twin_diagram.runs.learning.in_the_way import in_the_way, yielding_away
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Reach, reach_of, unlike
+from twin_diagram.runs.learning.thing_grasps import by_tips, downward, grasps_of_thing, why_not
 from twin_diagram.signals.arrays import Array
 
 
