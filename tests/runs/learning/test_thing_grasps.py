@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from tests.runs.learning.test_bin_picture import CAMERA, HEIGHT, picture
+from tests.runs.learning.test_choosing import all_reached, choice_of
 from tests.runs.learning.test_placing import flat
 from twin_diagram.planning.grasps import gripper_of
+from twin_diagram.runs.learning import choosing
 from twin_diagram.runs.learning.bin_view import SeenThing, things_at
-from twin_diagram.runs.learning.in_the_way import in_the_way
+from twin_diagram.runs.learning.picking import Reach
 from twin_diagram.runs.learning.thing_grasps import downward, grasps_of_thing, guessed_sides, leaning, why_not
 
 SIZE = np.array([0.175, 0.086, 0.042])
 """A sugar box."""
-LOW, HIGH = np.array([0.276, -0.554, 0.007]), np.array([0.564, -0.166, 0.12])
 
 
 def leaning_box() -> tuple[SeenThing, np.ndarray]:
@@ -51,13 +52,14 @@ def test_hidden_sides_of_what_leans_go_along_the_normal_of_its_face() -> None:
     assert np.quantile(np.abs(off), 0.95) < 0.008 and np.abs(off).max() < 0.02 and points[:, 2].min() > 0.01
 
 
-def test_what_leans_is_taken_across_its_own_sides() -> None:
-    """Straight from above fingers closed on sides that were 16 degrees off, and held nothing."""
+def test_what_leans_is_taken_across_its_own_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Straight from above fingers closed on sides that were 16 degrees off, one of them unknown, and held nothing."""
+    monkeypatch.setattr(choosing, "reach_of", all_reached)
     thing, axes = leaning_box()
-    found = grasps_of_thing(thing, gripper_of("wsg50"), 0.01, in_the_way(LOW, HIGH, [])[0])
-    order = downward(found)
-    assert len(order) and found.seen[order[0]].all()
-    assert abs(found.R[order[0]][:, 1] @ axes[:, 1]) > np.cos(np.deg2rad(6.0))
+    reach = choice_of(thing).one(choosing.LEANING)
+    assert reach is not None and not reach.sure and abs(reach.X_WT[:3, 1] @ axes[:, 1]) > np.cos(np.deg2rad(6.0))
+    assert reach.X_WT[2, 2] < -0.7
+    assert choice_of(flat(0.06, 0.10, 0.04)).one(choosing.LEANING) is None
 
 
 def test_what_lies_flat_does_not_lean() -> None:
@@ -86,6 +88,16 @@ def test_what_the_picture_cuts_off_goes_on_beyond_it_and_is_not_taken_there() ->
         found = grasps_of_thing(thing, gripper, 0.003, free)
         assert not len(downward(found)) and "beyond the picture's border" in why_not(thing, gripper, found)
         assert len(downward(grasps_of_thing(replace(thing, beyond=free), gripper, 0.003, free))), "as it was before"
+
+
+def test_of_what_the_picture_cuts_off_no_side_is_unknown_and_tried() -> None:
+    thing = cut_off(28)
+    for beyond, tried in ((thing.beyond, False), (np.zeros((0, 3)), True)):
+        choice = choice_of(replace(thing, beyond=beyond))
+        nowhere = np.zeros((2, 7))
+        choice._looked.update(dict.fromkeys(choosing.SURE))
+        choice._spares[choosing.ONE_SIDED] = Reach(0, np.eye(4), nowhere, nowhere)
+        assert (choice.one(choosing.ONE_SIDED) is not None) == tried
 
 
 def test_what_the_picture_shows_whole_goes_on_nowhere() -> None:

@@ -1,7 +1,7 @@
 """Grasps of a thing that one picture shows: of what is seen of it, and of sides that are guessed from its outline.
 
-Sides are taken to go straight down. Where that leaves no grasp, and a thing shows mostly one face that leans, they are
-taken to go down from that face's edges along its normal, as those of a box do.
+Sides are taken to go straight down; or, where a thing shows mostly one face that leans, from that face's edges along
+its normal, as those of a box do.
 """
 
 from __future__ import annotations
@@ -96,7 +96,14 @@ TUNING = Tuning()
 
 
 def grasps_of_thing(
-    thing: SeenThing, gripper: Gripper, floor: float, surroundings: Array, seed: int = 0, *, count: int = 0
+    thing: SeenThing,
+    gripper: Gripper,
+    floor: float,
+    surroundings: Array,
+    seed: int = 0,
+    *,
+    count: int = 0,
+    lean: Lean | None = None,
 ) -> Grasps:
     """Return grasps of a thing in W, the best first.
 
@@ -107,6 +114,7 @@ def grasps_of_thing(
         surroundings: (S, 3) points of what is in the way.
         seed: of the search.
         count: how many are asked for; 0: the usual number.
+        lean: of `leaning`, along which hidden sides are guessed; None: straight down.
     """
     points, normals = thing.points[: TUNING.points], thing.normals[: TUNING.points]
     wanted = Wanted(count or TUNING.candidates, seed)
@@ -119,22 +127,16 @@ def grasps_of_thing(
     surroundings = np.vstack([surroundings, thing.beyond])
     others = surroundings if len(surroundings) else None
     found = propose(points, normals, gripper, wanted=wanted, viewpoint=thing.viewpoint, surroundings=others, **told)
-    if found.seen[downward(found)].all(axis=1).any():
+    if lean is None and found.seen[downward(found)].all(axis=1).any():
         return found
-    # Of what lies below the camera sides are hidden: they are guessed, straight down from its outline, …
-    leans: tuple[Lean | None, ...] = (None, lean) if (lean := leaning(thing)) is not None else (None,)
-    best = found
-    for one in leans:  # … and where that leaves no grasp of what leans, along the normal of its face
-        sides, outward = guessed_sides(thing, floor, one)
-        if not len(sides):
-            continue
-        target = target_of(np.vstack([points, sides]), np.vstack([normals, outward]), surroundings=others, **told)
-        given = upright_poses(thing, gripper, floor) if one is None else leaning_poses(thing, gripper, one)
-        guessed = rank(given_poses(np.concatenate([found.poses, given])), target, gripper, wanted)
-        if len(downward(guessed)):
-            return guessed
-        best = guessed if one is None and len(guessed) else best
-    return best
+    # Of what lies below the camera sides are hidden: they are guessed, down from its outline.
+    sides, outward = guessed_sides(thing, floor, lean)
+    if not len(sides):
+        return found
+    target = target_of(np.vstack([points, sides]), np.vstack([normals, outward]), surroundings=others, **told)
+    given = upright_poses(thing, gripper, floor) if lean is None else leaning_poses(thing, gripper, lean)
+    guessed = rank(given_poses(np.concatenate([found.poses, given])), target, gripper, wanted)
+    return guessed if len(guessed) else found
 
 
 def upright_poses(
