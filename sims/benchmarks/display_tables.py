@@ -27,11 +27,11 @@ from display_truth.shown import Shown  # noqa: E402
 
 from twin_diagram import load_scenario  # noqa: E402
 from twin_diagram.planning.grasps import Grasps, Wanted, gripper_of, propose  # noqa: E402
-from twin_diagram.runs.learning.bin_view import downward  # noqa: E402
 from twin_diagram.runs.learning.coverage import tilts_of, turns_before  # noqa: E402
 from twin_diagram.runs.learning.display import TUNING as DISPLAY  # noqa: E402
 from twin_diagram.runs.learning.display import tool_at  # noqa: E402
 from twin_diagram.runs.learning.grasp_selection import by_axes, by_pair, cameras_about, hand_in  # noqa: E402
+from twin_diagram.runs.learning.thing_grasps import downward  # noqa: E402
 
 KINDS = ("angle", "ring", "flask", "bottle", "can", "sugar_box", "gelatin_box", "cracker_box", "mug")
 METHODS = ("firmest", "pca", "pair")

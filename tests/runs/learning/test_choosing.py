@@ -118,7 +118,7 @@ def test_room_beside_the_fingers_is_not_bought_with_a_grasp_by_their_tips(monkey
     offers = [some(0.071, True), some(0.050, False)]
     given = iter([offer for offer in offers for _ in choosing.TUNING.opened])
     monkeypatch.setattr(choosing, "reach_of", all_reached)
-    monkeypatch.setattr(choosing, "grasps_of_thing", lambda *told: next(given))
+    monkeypatch.setattr(choosing, "grasps_of_thing", lambda *told, **lean: next(given))
     reach = choose(beside_the_wall(0.10))
     assert reach is not None and reach.X_WT[2, 3] == 0.050 and reach.opened == 1.0 and not reach.sure
     given = iter(offers[:1] * 2 * len(choosing.TUNING.opened))

@@ -14,7 +14,7 @@ from tests.runs.learning.test_camera_check import SOLIDS, TOLD, box, camera
 from twin_diagram.errors import StationError
 from twin_diagram.planning.collision.convex_solids import Solid
 from twin_diagram.planning.grasps import gripper_of
-from twin_diagram.runs.learning.bin_view import SeenThing, upright_poses
+from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import Picture, told_camera
 from twin_diagram.runs.learning.handling import go_home
@@ -23,6 +23,7 @@ from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import before_grasp
 from twin_diagram.runs.learning.seeking import seek
 from twin_diagram.runs.learning.start import check_cell, tools_of
+from twin_diagram.runs.learning.thing_grasps import upright_poses
 from twin_diagram.scenario import Learning, Pose, WorldObject
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array

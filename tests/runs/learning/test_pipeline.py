@@ -437,7 +437,8 @@ def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(
 
 def test_all_else_that_the_picture_shows_is_in_the_way_of_a_pick(monkeypatch: pytest.MonkeyPatch) -> None:
     thing, given_up = (
-        SimpleNamespace(points=np.full((3, 3), x), middle=np.full(3, x), beside=False) for x in (0.1, 0.2)
+        SimpleNamespace(points=np.full((3, 3), x), middle=np.full(3, x), beside=False, beyond=np.zeros((0, 3)))
+        for x in (0.1, 0.2)
     )
     stood, kept_clear = list[Any](), list[Any]()
 

@@ -9,16 +9,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from twin_diagram.planning.grasps import Grasps, gripper_of
-from twin_diagram.runs.learning.bin_view import (
-    SeenThing,
-    downward,
-    grasps_of_thing,
-    guessed_sides,
-    narrowest,
-    why_not,
-)
+from twin_diagram.runs.learning.bin_view import SeenThing, narrowest
 from twin_diagram.runs.learning.in_the_way import covered_share, in_the_way, wall_points, why_barred
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, pose_over, resting, turned
+from twin_diagram.runs.learning.thing_grasps import downward, grasps_of_thing, guessed_sides, why_not
 
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """A tool that points down."""

@@ -99,11 +99,16 @@ def support_of(thing: SeenThing, learning: Learning) -> float:
     return learning.platform[0][2] if thing.beside else learning.from_bin[0][2]
 
 
+def whole_of(thing: SeenThing) -> Array:
+    """Return points (N, 3) of a thing and of where it may go on beyond the picture's border [m]."""
+    return np.vstack([thing.points, thing.beyond])
+
+
 def stand_about(mover: Mover, learning: Learning, things: Sequence[SeenThing]) -> None:
     """Keep ways clear of things in the bin and beside it."""
     for where, beside in (("bin", False), ("table", True)):
         some = [thing for thing in things if thing.beside == beside]
-        mover.stand(where, [thing.points for thing in some], support_of(some[0], learning) if some else 0.0)
+        mover.stand(where, [whole_of(thing) for thing in some], support_of(some[0], learning) if some else 0.0)
 
 
 def stand_about_rest(

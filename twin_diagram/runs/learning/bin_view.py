@@ -1,10 +1,9 @@
-"""What lies in the bin, by one picture: points of things, the highest first, and grasps of one of them."""
+"""What lies in the bin, by one picture: points of things, the highest first."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,19 +11,10 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from twin_diagram.assets.building.depth_view import make_view
+from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.perception.segmentation.parting import part
-from twin_diagram.planning.grasps import (
-    Grasps,
-    Gripper,
-    Wanted,
-    estimated_normals,
-    given_poses,
-    propose,
-    rank,
-    target_of,
-)
+from twin_diagram.planning.grasps import estimated_normals
 from twin_diagram.runs.learning.cell import Picture
-from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 
 
@@ -56,56 +46,17 @@ class Tuning:
     gap: float = 0.012
     """Step in depth at which one thing ends and another begins [m]."""
 
-    points: int = 3000
-    """Of a thing that grasps are searched on, at the most."""
+    directions: int = 24
+    """In which a thing's width is looked at: every 7.5°."""
 
-    candidates: int = 24
-    """Grasps of a thing that are held against the arm's reach."""
+    border: int = 2
+    """Pixels from the picture's border within which a thing is cut off by it: the outermost ones may have no depth."""
 
-    steepest: float = 0.7
-    """Least share of an approach that goes downwards: more slanted ones meet the bin's walls."""
+    longest: float = 0.2
+    """How far what is cut off may go on beyond the picture's border [m]: the longest thing that a hand takes."""
 
-    usual_mass: float = 0.7
-    """That a thing is taken to have [kg]."""
-
-    slanted: float = 1.0
-    """Added to a grasp's cost, times what its approach lacks of straight down."""
-
-    one_sided: float = 0.15
-    """Added where the picture does not show both contacts: what is there is guessed."""
-
-    tip: float = 0.004
-    """Farther ahead in the tool's frame a contact is at the pads' very tips [m], 6 mm from their ends: where a picture
-    is a few millimetres off they close above it."""
-
-    shallow: float = 5.0
-    """Added to the cost of such grasps: they come last."""
-
-    side: float = 0.003
-    """Edge of the cells in which an outline is found, and between points of guessed sides [m]."""
-
-    yaws: int = 24
-    """Angles about the vertical at which something flat is taken: every 7.5°."""
-
-    leaning: tuple[float, ...] = (0.0, 0.35, -0.35)
-    """By how much the hand leans about its closing axis where something lies on the table [rad]: 38 cm from the axis
-    of an iiwa 7 a hand that hangs straight down asks for an elbow bent by 123°, of 120."""
-
-    beside_middle: tuple[float, ...] = (0.0, 0.015, -0.015)
-    """Off its middle, across the closing axis [m]."""
-
-    heights: float = 0.012
-    """Between heights of the finger tips there [m]."""
-
-    apart: float = 0.012
-    """Between places on the walls about a hole at which these are taken [m]: half of a finger's width."""
-
-    open: float = 0.5
-    """Share of a hole's cells in which the bottom is seen through it, from which it is one: the rest is hidden by the
-    wall before it. Through what merely has no depth in a picture nothing is seen."""
-
-    smooth: float = 1.5
-    """σ with which an outline is smoothed for its normals [cells]."""
+    dense: float = 0.006
+    """Between points that stand for what lies there [m], less than half of a finger's thickness."""
 
 
 TUNING = Tuning()
@@ -122,6 +73,7 @@ class SeenThing:
         viewpoint: (3,) where the camera was.
         beside: whether it lies on the table beside the bin.
         through: (M, 3) points of what it lies on that are seen through its holes.
+        beyond: (K, 3) where it may go on beyond the picture's border, if that cuts it off; the nearest ones first.
     """
 
     points: Array
@@ -130,6 +82,7 @@ class SeenThing:
     viewpoint: Array
     beside: bool = False
     through: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    beyond: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def middle(self) -> Array:
@@ -197,8 +150,39 @@ def things_at(
         own, bare = normals[at], np.linalg.norm(normals[at], axis=1) < 0.5
         if bare.any():
             own = np.where(bare[:, None], estimated_normals(points[at], picture.camera.p_WC), own)
-        found.append(SeenThing(points[at], own, rows, picture.camera.p_WC, beside, through))
+        beyond = beyond_border(picture.camera, rows, points[at], support)
+        found.append(SeenThing(points[at], own, rows, picture.camera.p_WC, beside, through, beyond))
     return sorted(found, key=lambda thing: -thing.top)
+
+
+def beyond_border(camera: ViewCamera, pixels: npt.NDArray[np.int64], points: Array, support: float) -> Array:
+    """Return points (K, 3) where a thing may go on beyond the border of the picture, the nearest first; none: nowhere.
+
+    Args:
+        camera: of the picture.
+        pixels: (N, 2) rows and columns of the thing.
+        points: (N, 3) there in W [m].
+        support: height of what it lies on [m].
+    """
+    found = []
+    for axis, size in ((0, camera.height), (1, camera.width)):
+        for cut, sign in ((pixels[:, axis] < TUNING.border, -1.0), (pixels[:, axis] >= size - TUNING.border, 1.0)):
+            outwards = sign * camera.R_WC[:2, 1 - axis]
+            if not cut.any() or np.linalg.norm(outwards) < 1e-6:
+                continue
+            outwards = outwards / np.linalg.norm(outwards)
+            own = points[cut][np.argsort(-points[cut][:, 2], kind="stable")]
+            own = own[np.unique(np.floor(own[:, :2] / TUNING.dense), axis=0, return_index=True)[1]]  # each the highest
+            for x, y, top in own:
+                far, z = np.meshgrid(
+                    np.arange(TUNING.dense, TUNING.longest, TUNING.dense), np.arange(support, top, TUNING.dense)
+                )
+                place = np.array([x, y]) + far.reshape(-1, 1) * outwards
+                found.append(np.column_stack([place, z.ravel(), far.ravel()]))
+    if not found:
+        return np.zeros((0, 3))
+    every = np.concatenate(found)
+    return np.asarray(every[np.argsort(every[:, 3], kind="stable"), :3])
 
 
 def bottom_noise(heights: Array) -> float:
@@ -210,156 +194,11 @@ def bottom_noise(heights: Array) -> float:
     return max(TUNING.noise, 1.4826 * float(np.median(below))) if len(below) >= TUNING.few else TUNING.noise
 
 
-def grasps_of_thing(
-    thing: SeenThing, gripper: Gripper, floor: float, surroundings: Array, seed: int = 0, *, count: int = 0
-) -> Grasps:
-    """Return grasps of a thing in W, the best first.
-
-    Args:
-        thing: that is to be taken.
-        gripper: that takes it.
-        floor: height that the fingers stay above [m].
-        surroundings: (S, 3) points of what is in the way.
-        seed: of the search.
-        count: how many are asked for; 0: the usual number.
-    """
-    points, normals = thing.points[: TUNING.points], thing.normals[: TUNING.points]
-    wanted = Wanted(count or TUNING.candidates, seed)
-    # Nobody knows its weight: a usual one in the middle keeps grasps from its ends, where it would turn.
-    told: dict[str, Any] = {
-        "table": np.array([0.0, 0.0, 1.0, floor]),
-        "mass": TUNING.usual_mass,
-        "centre": thing.middle,
-    }
-    others = surroundings if len(surroundings) else None
-    found = propose(points, normals, gripper, wanted=wanted, viewpoint=thing.viewpoint, surroundings=others, **told)
-    if found.seen[downward(found)].all(axis=1).any():
-        return found
-    # Of what lies below the camera sides are hidden: they are guessed, straight down from its outline.
-    sides, outward = guessed_sides(thing, floor)
-    if not len(sides):
-        return found
-    target = target_of(
-        np.vstack([points, sides]),
-        np.vstack([normals, outward]),
-        surroundings=others,
-        **told,
-    )
-    poses = np.concatenate([found.poses, upright_poses(thing, gripper, floor)])
-    guessed = rank(given_poses(poses), target, gripper, wanted)
-    return guessed if len(guessed) else found
-
-
-def upright_poses(thing: SeenThing, gripper: Gripper, floor: float) -> Array:
-    """Return tool poses (M, 7) straight from above, at every angle and some heights; on the table leaning ones, too.
-
-    They are about a thing's middle, and about places on the walls of what has a hole.
-    """
-    lowest = floor + gripper.finger_front + TUNING.side
-    heights = np.arange(lowest, max(thing.top, lowest + 1e-6), TUNING.heights)
-    walls = wall_middles(thing)
-    found = []
-    for yaw in np.arange(TUNING.yaws) * (np.pi / TUNING.yaws):
-        y = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        across, down = np.cross(y, [0.0, 0.0, -1.0]), np.array([0.0, 0.0, -1.0])
-        about = [thing.middle[:2] + off * across[:2] for off in TUNING.beside_middle]
-        for lean in TUNING.leaning if thing.beside else (0.0,):
-            z = np.cos(lean) * down + np.sin(lean) * across
-            quaternion = rotations.from_matrix(np.column_stack([np.cross(y, z), y, z]))
-            found += [np.concatenate([quaternion, place, [height]]) for place in (*about, *walls) for height in heights]
-    return np.array(found)
-
-
 def narrowest(thing: SeenThing) -> float:
     """Return the least width of a thing from above, over all directions [m]."""
-    angles = np.arange(TUNING.yaws) * (np.pi / TUNING.yaws)
+    angles = np.arange(TUNING.directions) * (np.pi / TUNING.directions)
     along = thing.points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
     return float((np.quantile(along, 0.99, axis=0) - np.quantile(along, 0.01, axis=0)).min())
-
-
-def why_not(thing: SeenThing, gripper: Gripper, grasps: Grasps) -> str:
-    """Return in words why nothing of a thing can be grasped from above."""
-    wide = narrowest(thing)
-    if wide > gripper.opening_most:
-        return (
-            f"too wide: {100 * wide:.0f} cm at its narrowest, the fingers open to {100 * gripper.opening_most:.1f} cm"
-        )
-    return f"no grasp from above: {grasps.why_empty() or 'each is too slanted'}"
-
-
-def filled_cells(thing: SeenThing) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
-    """Return which cells (X, Y) of the plane a thing fills, as seen from above, and the first one's number (2,).
-
-    What its outline encloses is filled but for holes through which the bottom is seen, see `Tuning.open`.
-    """
-    cells = np.floor(thing.points[:, :2] / TUNING.side).astype(np.int64)
-    corner = cells.min(axis=0) - 2
-    full = np.zeros(cells.max(axis=0) - corner + 3, dtype=bool)
-    full[tuple((cells - corner).T)] = True
-    full = ndimage.binary_closing(full)
-    below, bottom = np.zeros_like(full), np.floor(thing.through[:, :2] / TUNING.side).astype(np.int64) - corner
-    below[tuple(bottom[((bottom >= 0) & (bottom < full.shape)).all(axis=1)].T)] = True
-    holes, count = ndimage.label(ndimage.binary_fill_holes(full) & ~full)
-    share = np.atleast_1d(ndimage.mean(below, holes, np.arange(1, count + 1))) if count else np.zeros(0)
-    return full | np.append(False, share <= TUNING.open)[holes], corner
-
-
-def wall_middles(thing: SeenThing) -> list[Array]:
-    """Return places (2,) in W, some way apart, in the middle of the walls of what has a hole; none: it has none [m]."""
-    full, corner = filled_cells(thing)
-    if (ndimage.binary_fill_holes(full) == full).all():
-        return []
-    deep = ndimage.distance_transform_edt(full)
-    kept: list[Array] = []
-    for x, y in np.argwhere(full & (deep >= ndimage.maximum_filter(deep, 3))):
-        place = np.asarray((np.array([x, y]) + corner + 0.5) * TUNING.side, dtype=float)
-        if all(float(np.hypot(*(place - other))) >= TUNING.apart for other in kept):
-            kept.append(place)
-    return kept
-
-
-def guessed_sides(thing: SeenThing, floor: float) -> tuple[Array, Array]:
-    """Return points and outward normals (N, 3) of walls straight down from a thing's outlines, as seen from above.
-
-    Args:
-        thing: that lies.
-        floor: height at which the walls end [m].
-    """
-    full, corner = filled_cells(thing)
-    top = np.full(full.shape, -np.inf)
-    np.maximum.at(
-        top, tuple((np.floor(thing.points[:, :2] / TUNING.side).astype(np.int64) - corner).T), thing.points[:, 2]
-    )
-    top = ndimage.maximum_filter(top, 3)
-    inward = np.stack(np.gradient(ndimage.gaussian_filter(full.astype(float), TUNING.smooth)), axis=-1)
-    rim = np.argwhere(full & ~ndimage.binary_erosion(full))
-    slope = inward[tuple(rim.T)]
-    length = np.linalg.norm(slope, axis=1)
-    kept = (length > 1e-6) & np.isfinite(top[tuple(rim.T)])
-    rim, outward = rim[kept], -slope[kept] / length[kept, None]
-    points, normals = [], []
-    for (x, y), n, high in zip(rim, outward, top[tuple(rim.T)], strict=True):
-        z = np.arange(floor, high, TUNING.side)
-        place = np.asarray((np.array([x, y]) + corner + 0.5) * TUNING.side, dtype=float)
-        points.append(np.column_stack([np.tile(place, (len(z), 1)), z]))
-        normals.append(np.tile([*n, 0.0], (len(z), 1)))
-    if not points:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    return np.vstack(points), np.vstack(normals)
-
-
-def downward(grasps: Grasps) -> Array:
-    """Return the numbers of grasps that come from above, the straightest of the good ones first."""
-    down = -grasps.approach[:, 2]
-    cost = grasps.score + TUNING.slanted * (1.0 - down) + TUNING.one_sided * (~grasps.seen).any(axis=1)
-    order = np.argsort(cost + TUNING.shallow * by_tips(grasps), kind="stable")
-    return np.asarray(order[down[order] >= TUNING.steepest])
-
-
-def by_tips(grasps: Grasps) -> npt.NDArray[np.bool_]:
-    """Return which grasps (N,) hold by the very tips of the pads."""
-    ahead = np.einsum("nki,ni->nk", grasps.contacts - grasps.poses[:, None, 4:], grasps.approach)
-    return np.asarray((np.where(grasps.seen, ahead, -np.inf) > TUNING.tip).any(axis=1))
 
 
 def save_picture(path: Path, picture: Picture, thing: SeenThing | None, text: str) -> None:

@@ -10,11 +10,12 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.planning.grasps import Gripper
-from twin_diagram.runs.learning.bin_view import SeenThing, by_tips, downward, grasps_of_thing, why_not
+from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.cell import Cell
 from twin_diagram.runs.learning.in_the_way import in_the_way, yielding_away
 from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Reach, reach_of, unlike
+from twin_diagram.runs.learning.thing_grasps import Lean, by_tips, downward, grasps_of_thing, leaning, why_not
 from twin_diagram.signals.arrays import Array
 
 
@@ -39,6 +40,9 @@ ROOMY: Final = "roomy"
 """A grasp whose contacts are seen or guessed, away from the pads' tips, with room about the hand."""
 TIGHT: Final = "tight"
 """The same without that room."""
+LEANING: Final = "leaning"
+"""One across the sides of what leans, guessed along the normal of the face that is seen: of three tries two
+held."""
 ONE_SIDED: Final = "one-sided"
 """One with a side of which nothing is known."""
 ASIDE: Final = "aside"
@@ -49,7 +53,7 @@ TIPS: Final = "tips"
 """One by the very tips of the pads."""
 SURE: Final = (ROOMY, TIGHT)
 """Kinds of grasps that hold as a rule, the best first."""
-UNSURE: Final = (ONE_SIDED, ASIDE, PUSHING, TIPS)
+UNSURE: Final = (LEANING, ONE_SIDED, ASIDE, PUSHING, TIPS)
 """Kinds that may hold nothing, or touch what they should not, the best first."""
 
 
@@ -59,7 +63,8 @@ class Choice:
 
     One whose contacts are both seen or guessed goes before one with a side of which nothing is known, and that before
     one by the very tips of the pads, with which more room is bought too dearly; one with room beside the hand before
-    one without; then one that is had with fingers opened all the way before others. Where its sides are known they are
+    one without; then one that is had with fingers opened all the way before others. Where none is
+    sure, sides of what leans are guessed along its face's normal. Where its sides are known they are
     opened no farther than it asks for. Before tips of pads are tried, fingers may push aside what lies beside it, at
     first where the palm has room over walls.
 
@@ -98,11 +103,14 @@ class Choice:
         if kind in (ONE_SIDED, TIPS):
             for before in SURE:
                 self.one(before)
-            return self._spares.get(kind)
+            # Where the picture cuts it off nobody knows how far off its other side is.
+            return None if kind == ONE_SIDED and len(self.thing.beyond) else self._spares.get(kind)
         if kind not in self._looked:
-            pushed = kind in (ASIDE, PUSHING)
+            pushed, lean = kind in (ASIDE, PUSHING), leaning(self.thing) if kind == LEANING else None
+            if kind == LEANING and lean is None:
+                return None
             beside = self._yielding if pushed else self._free
-            self._looked[kind] = self._look(beside[kind in (TIGHT, PUSHING)], kind) if beside else None
+            self._looked[kind] = self._look(beside[kind in (TIGHT, PUSHING)], kind, lean) if beside else None
         return self._looked[kind]
 
     @cached_property
@@ -113,12 +121,12 @@ class Choice:
     def _yielding(self) -> list[Array]:
         return in_the_way(*self.bin_corners, yielding_away(self.thing, self.rest)) if self.rest else []
 
-    def _look(self, beside: Array, kind: str) -> Reach | None:
+    def _look(self, beside: Array, kind: str, lean: Lean | None = None) -> Reach | None:
         """Return a grasp of a kind beside points (N, 3), and note one-sided ones and those by tips."""
         for opened in TUNING.opened:
             most = self.gripper.opening_least + opened * (self.gripper.opening_most - self.gripper.opening_least)
             gripper = replace(self.gripper, opening_most=most)
-            grasps = grasps_of_thing(self.thing, gripper, self.floor, beside, self.attempt)
+            grasps = grasps_of_thing(self.thing, gripper, self.floor, beside, self.attempt, lean=lean)
             order = downward(grasps)
             if opened < 1.0:
                 order = order[grasps.approach[order, 2] <= -TUNING.upright]

@@ -15,7 +15,14 @@ from twin_diagram.logs.frames.transforms_folder import write_transforms
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.grasps import Gripper
-from twin_diagram.runs.learning.beside_bin import lying, stand_about, stand_about_rest, support_of, upright_points
+from twin_diagram.runs.learning.beside_bin import (
+    lying,
+    stand_about,
+    stand_about_rest,
+    support_of,
+    upright_points,
+    whole_of,
+)
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
@@ -117,7 +124,7 @@ def choice_of(
 ) -> Choice:
     """Return what looks for a grasp of a thing that is reached; arguments as in `pick`."""
     corners = np.array(tools.learning.from_bin[0]), np.array(tools.learning.from_bin[1])
-    rest = [other.points for other in others] + upright_points(tools.faces, thing)
+    rest = [whole_of(other) for other in others] + upright_points(tools.faces, thing)
     stand_about(tools.mover, tools.learning, [thing, *others])
     floor = support_of(thing, tools.learning) + TUNING.floor
     return Choice(tools.mover, tools.cell, tools.gripper, thing, corners, floor, rest, attempt, failed)

@@ -9,8 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, given_poses, propose, rank, target_of
-from twin_diagram.runs.learning.bin_view import TUNING as BIN_VIEW
-from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing
+from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.cell import Cell
 from twin_diagram.runs.learning.following import Followed, cover, register
 from twin_diagram.runs.learning.looking_about import LyingAbout
@@ -18,6 +17,8 @@ from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
 from twin_diagram.runs.learning.setting_down import downwards, hull_sides, pose_over, turned
 from twin_diagram.runs.learning.shown_object import ShownObject
+from twin_diagram.runs.learning.thing_grasps import TUNING as THING_GRASPS
+from twin_diagram.runs.learning.thing_grasps import downward, grasps_of_thing
 from twin_diagram.scenario import Learning
 from twin_diagram.signals.arrays import Array
 
@@ -133,7 +134,7 @@ def other_grasps(
     points = seen.points[order] @ X_WS[:3, :3].T + X_WS[:3, 3]
     normals = seen.normals[order] @ X_WS[:3, :3].T
     table = np.array([0.0, 0.0, 1.0, floor + TUNING.floor])
-    mass, centre = shown.mass_at_rest or BIN_VIEW.usual_mass, 0.5 * (points.min(axis=0) + points.max(axis=0))
+    mass, centre = shown.mass_at_rest or THING_GRASPS.usual_mass, 0.5 * (points.min(axis=0) + points.max(axis=0))
     if shown.centre is not None:
         centre = X_WS[:3, :3] @ shown.centre.mean + X_WS[:3, 3]
     told: dict[str, Any] = {"table": table, "mass": mass, "centre": centre, "surroundings": around}

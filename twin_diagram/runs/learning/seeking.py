@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.errors import StationError
-from twin_diagram.runs.learning.bin_view import SeenThing, downward, grasps_of_thing, why_not
+from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.handling import TUNING as HANDLING
@@ -20,6 +20,7 @@ from twin_diagram.runs.learning.picking import Taken, reach_of, take
 from twin_diagram.runs.learning.regrasping import PLATFORM
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shown_object import ShownObject
+from twin_diagram.runs.learning.thing_grasps import downward, grasps_of_thing, why_not
 from twin_diagram.signals.arrays import Array
 
 
