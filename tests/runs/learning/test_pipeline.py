@@ -453,5 +453,5 @@ def test_all_else_that_the_picture_shows_is_in_the_way_of_a_pick(monkeypatch: py
     tools: Any = SimpleNamespace(learning=Learning(), mover=mover, gripper=None, cell=None, faces=None, robot=None)
     nothing: Any = None
     assert handling.pick(tools, thing, nothing, 0, []).why == "barred by 1"  # type: ignore[arg-type]
-    assert [one is thing.points for one in stood] == [True, False] and stood[1] is given_up.points
-    assert len(kept_clear) == 1 and [one is given_up.points for one in kept_clear[0]] == [True]
+    assert len(stood) == 2 and len(kept_clear) == 1 and len(kept_clear[0]) == 1
+    np.testing.assert_array_equal([*stood, *kept_clear[0]], [thing.points, given_up.points, given_up.points])
