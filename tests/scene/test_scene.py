@@ -229,6 +229,9 @@ def test_uncertainty_grows_while_unseen_and_stops_growing(seed: int, moving: boo
 
 
 @example(value=1.7554336108207775e81, at=16, move=[3.6, 1.5, 988.7490405920071, 0.0, 0.0, 0.0])
+@example(value=1.7554336108207682e81, at=16, move=[1.0, 77.0, 114.0, 0.0, 0.0, 0.0])
+@example(value=2.0830876812508623e48, at=16, move=[1.0, 77.0, 114.0, 0.0, 0.0, 0.0])
+@example(value=9e5, at=16, move=[1.0, 77.0, 114.0, 0.0, 0.0, 0.0])
 @settings(max_examples=200, deadline=None)
 @given(
     st.floats(allow_nan=True, allow_infinity=True),

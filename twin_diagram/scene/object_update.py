@@ -79,6 +79,10 @@ class Tuning:
     fastest_turn: float = 10.0
     """No object turns faster [rad/s]."""
 
+    vaguest: float = 1e6
+    """Largest variance that a measurement may tell of a direction [rad², m²]: a kilometre. More is none that a camera
+    has, and beside it the others' are lost in rounding."""
+
     noise_scales: tuple[float, float] = (0.02, 25.0)
     """Bounds of the true scatter's variance over the variance claimed."""
 
@@ -102,14 +106,18 @@ _SLOW_START: Final = np.array([0.5**2] * 3 + [0.1**2] * 3)
 
 
 def usable(measurement: PoseMeasurement, last_seen: float, now: float) -> bool:
-    """Return whether a measurement is one: found, finite, a pose, newer than the last and not from the future."""
+    """Return whether a measurement is one: found, finite, a pose, newer than the last and not from the future.
+
+    Its covariance must be one, too, and tell no more than `Tuning.vaguest`.
+    """
     if not (measurement.quality > 0 and last_seen < measurement.time <= now + 1e-9 and measurement.time >= 0):
         return False
     if not (np.isfinite(measurement.pose).all() and np.isfinite(measurement.covariance).all()):
         return False
     if abs(np.linalg.norm(measurement.pose[:4]) - 1) > 1e-3:
         return False
-    return bool(np.linalg.eigvalsh(_symmetric(measurement.covariance))[0] > -1e-9)
+    variances = np.linalg.eigvalsh(_symmetric(measurement.covariance))
+    return bool(variances[0] > -1e-9 and variances[-1] < TUNING.vaguest)
 
 
 def update(
