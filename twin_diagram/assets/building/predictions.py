@@ -210,7 +210,7 @@ def _depths(points: Array, sure: Array, extrinsic: Array) -> tuple[list[Map], li
     least = TUNING.nearest * float(np.median(all_good)) if len(all_good) else 0.0
     known, unsure = [], []
     for one, own in zip(raw, good, strict=True):
-        there = one > max(least, 0.0)
+        there = one > least
         known.append(np.where(own & there, one, 0).astype(np.float32))
         unsure.append(np.where(~own & there, one, 0).astype(np.float32))
     return known, unsure

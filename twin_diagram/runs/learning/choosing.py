@@ -41,8 +41,7 @@ ROOMY: Final = "roomy"
 TIGHT: Final = "tight"
 """The same without that room."""
 LEANING: Final = "leaning"
-"""One across the sides of what leans, guessed along the normal of the face that is seen: of three tries two
-held."""
+"""One across the sides of what leans, guessed along the normal of the face that is seen: of three tries two held."""
 ONE_SIDED: Final = "one-sided"
 """One with a side of which nothing is known."""
 ASIDE: Final = "aside"
@@ -63,10 +62,10 @@ class Choice:
 
     One whose contacts are both seen or guessed goes before one with a side of which nothing is known, and that before
     one by the very tips of the pads, with which more room is bought too dearly; one with room beside the hand before
-    one without; then one that is had with fingers opened all the way before others. Where none is
-    sure, sides of what leans are guessed along its face's normal. Where its sides are known they are
-    opened no farther than it asks for. Before tips of pads are tried, fingers may push aside what lies beside it, at
-    first where the palm has room over walls.
+    one without; then one that is had with fingers opened all the way before others. Where its sides are known they are
+    opened no farther than it asks for. Where none is sure, sides of what leans are guessed along its face's normal.
+    Before tips of pads are tried, fingers may push aside what lies beside it, at first where the palm has room over
+    walls.
 
     Attributes:
         mover: plans.
