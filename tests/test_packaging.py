@@ -296,10 +296,11 @@ def third_party(paths: list[Path]) -> dict[str, str]:
         *(path.parent.name for path in SIMS),
         *(path.stem for path in SIMS),
     }
+    known = local | LCM_TYPES | {*sys.stdlib_module_names, "tomllib"}
     for path in paths:
         for module, _ in imports(path, with_types=True):
             top = module.partition(".")[0]
-            if top not in {*sys.stdlib_module_names, "tomllib"} and top not in local | LCM_TYPES:
+            if top not in known:
                 found[DISTRIBUTIONS.get(top, top).lower()] = str(path.relative_to(CHECKOUT))
     return found
 

@@ -307,6 +307,7 @@ def emptied(world: dict[str, Any]) -> dict[str, Any]:
     return {**empty(world), "objects": {}}
 
 
+@pytest.mark.long
 def test_a_replay_believes_what_the_twin_believed_live(recorded: tuple[Path, list[dict[str, Array]]]) -> None:
     folder, live = recorded
     assert not same(live, replayed(folder))

@@ -119,6 +119,7 @@ def test_writing_is_repeatable_and_seeds_differ(tmp_path: Path) -> None:
     assert max(read_png(first / "visual.png").shape[:2]) <= 256
 
 
+@pytest.mark.long
 @settings(max_examples=12)
 @given(
     size=st.tuples(*[st.floats(0.03, 0.3)] * 3),

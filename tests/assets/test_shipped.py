@@ -65,6 +65,7 @@ def test_a_shipped_asset_can_be_made_again(tmp_path: Path, name: str) -> None:
     assert_same_asset(OBJECTS / name, made)
 
 
+@pytest.mark.long
 def test_the_shipped_hollow_assets_can_be_made_again(tmp_path: Path) -> None:
     made = (
         write_angle(tmp_path, "angle", (0.08, 0.11), 0.045, 0.03, texture_seed=11),

@@ -90,6 +90,7 @@ def test_what_is_told_is_read_or_refused() -> None:
             symmetry.parsed([wrong], "here")
 
 
+@pytest.mark.long
 def test_turns_differ_up_to_symmetries() -> None:
     turn = rotations.matrix(rotations.exp(np.array([0.3, -0.2, 0.9])))
     about = rotations.matrix(rotations.exp(np.array([[0.0, 0.0, 0.4], [0.0, 0.0, np.pi / 2], [np.pi, 0.0, 0.0]])))

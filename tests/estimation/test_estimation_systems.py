@@ -246,6 +246,7 @@ WARM = warm_up()
 EVENTS = st.lists(EVENT, min_size=1, max_size=15)
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(EVENTS, st.booleans())
 def test_hostile_messages_never_poison_the_state(events, warm):

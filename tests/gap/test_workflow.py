@@ -99,6 +99,7 @@ def test_finds_what_is_missing(found: tuple[Gap, Path]) -> None:
     assert "The model lacks dry friction on elbow." in (out / "report.html").read_text()
 
 
+@pytest.mark.long
 def test_says_none_of_its_own_corrected_model(
     found: tuple[Gap, Path], runs: tuple[Path, list[Path]], tmp_path: Path
 ) -> None:

@@ -265,6 +265,7 @@ def test_of_a_log_that_is_all_ends_no_misfit_is_told(tmp_path: Path, truth: Log)
     assert len(said) == 1 and "too short" in said[0]
 
 
+@pytest.mark.long
 def test_what_nobody_logged_is_no_misfit(tmp_path: Path, truth: Log) -> None:
     """A spline through half a second of silence was told as ten times the misfit that there is."""
     said: dict[str, list[str]] = {"whole": [], "parted": []}

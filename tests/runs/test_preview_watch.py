@@ -33,7 +33,7 @@ class Waving(LeafSystem):
             self.DeclareVectorOutputPort(name, 7, says, {self.time_ticket()})
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.02])
+@pytest.mark.parametrize("turn", [pytest.param(0.0, marks=pytest.mark.long), 0.02])
 def test_a_plan_that_is_off_by_a_turn_is_told_to_be_off_by_as_much(turn: float) -> None:
     asked = ["twin.camera=null", "twin.library={}", f"twin.home={HOME.tolist()}", "twin.stop_monitor=null"]
     asked.append("world.arm.effects=[]")  # a load that nobody knows would sag

@@ -273,6 +273,7 @@ def test_yielding_gears() -> None:
             assert np.sign(held) == -np.sign(load[1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", hidden.OUTSIDE)
 def test_families_beyond_the_catalogue_leave_a_mark(name: str) -> None:
     case = cases.make_case("outside", 3, name, SHORT)

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "sims" / "benchmarks"
 sys.path[:0] = [str(BENCHMARKS)]
@@ -38,6 +39,7 @@ def test_a_half_hidden_grey_mug_is_shown_as_it_is_likeliest_and_not_half_way() -
     assert covariance is not None and np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]) > np.radians(10.0)
 
 
+@pytest.mark.long
 def test_pictures_that_hide_a_handle_are_counted_apart() -> None:
     hides, shows = (trials.draw(things.thing("grey_mug"), "d435", 0.4, number) for number in (506, 513))
     assert hides.telling < trials.FEW < 100 < shows.telling

@@ -184,6 +184,7 @@ def test_what_cannot_be_taken_in_is_refused() -> None:
         twin.use_asset(context, 7)
 
 
+@pytest.mark.long
 def test_without_eyes_or_slots_nothing_comes_into_use() -> None:
     with pytest.raises(TwinError, match="no perception of its own"):
         loop_without_can("twin.camera=null").twin.add_asset(CAN)

@@ -115,6 +115,7 @@ def live() -> tuple[ClosedLoop, Simulator]:
     return run(plan(), 2.0)
 
 
+@pytest.mark.long
 def test_each_reading_is_used_once_and_the_bias_is_found(live: tuple[ClosedLoop, Simulator]) -> None:
     loop, simulator = live
     found = belief(loop, simulator)

@@ -203,6 +203,7 @@ def test_an_arm_ahead_of_a_slow_loop_that_falls_silent_is_said_at_once() -> None
 # Objects and goals.
 
 
+@pytest.mark.long
 def test_an_object_that_the_camera_never_sees_is_named(egl: None) -> None:
     plan = small_scenario("twin.scene.stale_after=0.2", "twin.scene.lost_after=0.4", "duration=0.9", *STILL)
     del plan.world.objects["sugar_box"]  # the twin is told of it, and it is not there
@@ -245,6 +246,7 @@ def test_healthy_scenarios_lack_nothing(egl: None) -> None:
 # Standings.
 
 
+@pytest.mark.long
 def test_nothing_is_settled_while_an_alarm_stands() -> None:
     """With the filter sure of the payload, an alarm makes it doubtful, for `beliefs` and for the filter itself."""
     loop = make_closed_loop(load_scenario("fault", ["world.arm.effects=[]", "twin.healing=null"]))

@@ -118,6 +118,7 @@ def status_of_all(segmenter: Any) -> tuple[list[ObjectStatus], float]:
     return [track.status for track in tracks], float(np.linalg.norm(tracks[0].pose[4:] - np.array(true)))
 
 
+@pytest.mark.long
 def test_a_segmenter_of_ones_own_takes_images_apart(egl: None) -> None:
     seen, off = status_of_all(ids_by_height)
     assert seen == 2 * [ObjectStatus.TRACKED] and off < 2e-3
@@ -194,6 +195,7 @@ class Markers(LeafSystem):
         output.SetFromVector(np.tile(PoseMeasurement(1.0, t, pose, 1e-8 * np.eye(6)).pack(), self.objects))
 
 
+@pytest.mark.long
 def test_poses_from_elsewhere_need_no_camera() -> None:
     scenario = small_scenario(*BLIND)
     loop = make_closed_loop(scenario, perception=Markers(len(scenario.twin.library)))
@@ -217,6 +219,7 @@ class Seer(Markers):
         self.DeclareVectorOutputPort("things", len(rows), lambda context, output: output.SetFromVector(rows))
 
 
+@pytest.mark.long
 def test_whoever_steps_a_simulator_has_unknown_things_in_the_scene_by_a_monitor() -> None:
     scenario = small_scenario(*BLIND)
     loop = make_closed_loop(scenario, perception=Seer(len(scenario.twin.library), scenario.twin.slots.unknown))

@@ -80,6 +80,7 @@ def mending(model: Model) -> tuple[ClosedLoop, Simulator, Simulator]:
     return loop, first, second
 
 
+@pytest.mark.long
 def test_an_offset_that_is_found_while_it_runs_reaches_everything(
     mending: tuple[ClosedLoop, Simulator, Simulator],
 ) -> None:

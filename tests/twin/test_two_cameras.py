@@ -188,7 +188,7 @@ def test_a_loop_of_two_cameras_connects_each_port(egl: None) -> None:
             assert loop.station.HasOutputPort(f"{name}.{image}")
 
 
-@pytest.mark.parametrize("scenario", ["two_cameras", "pick_and_place"])
+@pytest.mark.parametrize("scenario", [pytest.param("two_cameras", marks=pytest.mark.long), "pick_and_place"])
 def test_each_camera_is_told_of_the_hand(egl: None, scenario: str) -> None:
     task = "twin.task={steps: [{kind: pick, object: can}]}"
     loop = make_closed_loop(load_scenario(scenario, [task]))

@@ -54,6 +54,7 @@ def test_a_measured_box_stands_on_its_corners(seed: int) -> None:
             assert np.linalg.norm(own - corner, axis=1).min() < 0.002
 
 
+@pytest.mark.long
 def test_what_is_round_is_not_flat() -> None:
     can = flat_faces(np.asarray(measured(trimesh.creation.cylinder(0.034, 0.1, sections=64)).triangles))
     assert sides(can) == [(0, 0, -1), (0, 0, 1)]

@@ -73,6 +73,7 @@ def test_waves_are_told_and_taken_out(pictures: Shots, ring: bool) -> None:
     assert left < (0.75 if ring else 0.6) * was
 
 
+@pytest.mark.long
 def test_without_waves_nothing_is_found(pictures: Shots) -> None:
     patches = [0.003 * field((160, 200), 1.0, 10 + k) for k in range(len(pictures.frames))]
     fresh = [spoiled(Shots([f]), own, 0.001).frames[0] for f, own in zip(pictures.frames, patches, strict=True)]

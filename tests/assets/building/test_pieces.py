@@ -48,6 +48,7 @@ def bowl(closed: bool) -> trimesh.Trimesh:
     return trimesh.creation.revolve(np.array([*outer, *(lid or []), *(inner[1:] if closed else inner)]), sections=48)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("closed", [True, False])
 def test_a_thin_dish_is_hollow_and_a_closed_one_is_not(closed: bool) -> None:
     """Its walls lie within 3 mm of the hull all over."""

@@ -279,6 +279,7 @@ def test_one_view_is_one_view_and_a_batch_of_one_is_none(tmp_path: Path, views: 
     assert len(read) == views and read.read(0).depth.shape == (6, 8)
 
 
+@pytest.mark.long
 def test_a_view_of_which_the_network_is_sure_of_nothing_is_left_out(taken: Shots, tmp_path: Path) -> None:
     with np.load(written(taken, tmp_path / "p.npz")) as data:
         arrays = dict(data)

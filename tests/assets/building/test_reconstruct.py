@@ -52,6 +52,7 @@ def built_mug(mug: Shots) -> Reconstruction:
     return reconstruct(mug)
 
 
+@pytest.mark.long
 def test_cup_keeps_its_wall_and_its_hollow(built_mug: Reconstruction) -> None:
     body = cup()
     assert is_closed(built_mug.faces)

@@ -115,10 +115,10 @@ def test_blame_finds_the_group():
         ({"dead_joint": 1, "dead_at": AT}, 0.020),
         pytest.param({"dead_joint": 3, "dead_at": AT}, 0.020, marks=pytest.mark.slow),
         pytest.param({"dead_joint": 1, "dead_at": AT, "motor_left": 0.8}, 0.060, marks=pytest.mark.slow),
-        ({"dead_joint": 3, "dead_at": AT, "motor_left": 0.8}, 0.060),
+        pytest.param({"dead_joint": 3, "dead_at": AT, "motor_left": 0.8}, 0.060, marks=pytest.mark.long),
         ({"push": (0.0, 0.0, -10.0), "push_at": AT}, 0.040),
-        ({"push": (10.0, 0.0, 0.0), "push_at": AT}, 0.040),
-        ({"push": (0.0, 10.0, 0.0), "push_at": AT}, 0.040),
+        pytest.param({"push": (10.0, 0.0, 0.0), "push_at": AT}, 0.040, marks=pytest.mark.long),
+        pytest.param({"push": (0.0, 10.0, 0.0), "push_at": AT}, 0.040, marks=pytest.mark.long),
     ],
 )
 def test_noticed_in_time(changes, within, tmp_path):

@@ -85,7 +85,11 @@ def to_and_fro(peak: float) -> Callable[[float], float]:
 
 
 @pytest.mark.parametrize(
-    "wanted", [pytest.param(spinning(20.0), marks=pytest.mark.slow), to_and_fro(30.0)], ids=["spinning", "to and fro"]
+    "wanted",
+    [
+        pytest.param(spinning(20.0), marks=pytest.mark.slow, id="spinning"),
+        pytest.param(to_and_fro(30.0), marks=pytest.mark.long, id="to and fro"),
+    ],
 )
 def test_an_exact_model_raises_no_alarm_and_learns_nothing(wanted: Callable[[float], float]) -> None:
     rows = swing(wanted, 12.5)

@@ -402,6 +402,7 @@ def test_a_load_that_takes_its_time_to_come_is_weighed_once_it_is_there():
 # Robustness.
 
 
+@pytest.mark.long
 def test_outliers_are_refused_and_surprises_are_not():
     _, run = recording(1)
     ekf = Ekf(terms(), Filter())

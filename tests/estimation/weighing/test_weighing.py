@@ -236,6 +236,7 @@ def test_an_even_object_that_hardly_moves_is_known_by_its_shape(
     np.testing.assert_allclose(found.moments, np.linalg.eigvalsh(about_centre(box.even(found.mass))[2]), rtol=0.05)
 
 
+@pytest.mark.long
 def test_a_single_run_a_matrix_and_a_bare_shape_will_do(
     both: tuple[Log, Log], iiwa_link: Model, X_TO: RigidTransform, box: Shape
 ) -> None:

@@ -111,6 +111,7 @@ def drag(*values: float, joints: tuple[str, ...] = ("elbow",)) -> EffectSpec:
     return EffectSpec("quadratic_drag", list(joints), [], {"drag": list(values)})
 
 
+@pytest.mark.long
 def test_a_new_effect_is_named_sized_written_and_described(one_file_more: ModuleType, tmp_path: Path) -> None:
     paths = bench.write_runs(tmp_path, [drag(DRAG)])
     run_gap(tmp_path / "arm.urdf", [paths[0]], paths[1], tmp_path / "out")

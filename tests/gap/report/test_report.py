@@ -390,6 +390,7 @@ def test_onset_says_its_log_where_there_are_several(model: Model) -> None:
     assert gap_json.contents(verdict, shown)["effects"][0]["onset"] == {"log": 1, "time": 8.0}
 
 
+@pytest.mark.long
 def test_a_page_counts_logs_as_gap_json_does(model: Model) -> None:
     """One that went silent was parted into two runs, but is one file."""
     logs = [replace(bench.run(model, seed=k, duration=3.0), source=name) for k, name in enumerate("aabh")]

@@ -79,6 +79,7 @@ def test_what_coarse_encoders_do_to_accelerations_is_no_load() -> None:
     assert given_load(fine)[0] is fine.records[0].given
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [50.0, 100.0])
 def test_a_clean_log_of_slow_motion_by_coarse_encoders_lacks_nothing(rate: float) -> None:
     """Accelerations are noise above 5 Hz there: it was `unknown`, as the residual followed its own noise."""

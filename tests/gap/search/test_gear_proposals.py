@@ -103,6 +103,7 @@ def test_play_takes_the_place_of_an_offset_and_a_rotor(terms: Terms) -> None:
     assert inertia == pytest.approx(rotor, rel=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gap", [0.0023, 0.0071, 0.0123, 0.029])
 def test_play_that_knocks_is_offered_wherever_its_gap_lies(terms: Terms, gap: float) -> None:
     """On a joint that nothing suspects, and beside a hypothesis that took most of it."""

@@ -117,6 +117,7 @@ def test_a_joint_whose_torque_is_not_logged_bends_no_links() -> None:
     assert explain(replace(records, records=(dead,))) is None
 
 
+@pytest.mark.long
 def test_an_arm_as_described_lacks_nothing() -> None:
     assert explain(noisy(ARM, ARM, 8.0)) is None
 

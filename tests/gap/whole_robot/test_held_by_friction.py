@@ -110,6 +110,7 @@ def test_a_joint_is_unmoved_that_no_run_moves() -> None:
     assert not unmoved(replace(whole.sums.records, records=(slow,))).any()
 
 
+@pytest.mark.long
 def test_what_holds_a_joint_that_no_run_moves_has_no_name(tmp_path: Path) -> None:
     """Motors give 2 N·m more than the elbow weighs: friction may hold it, or a sensor be off."""
     model, runs = Model.load(arm(tmp_path)), []

@@ -109,6 +109,7 @@ def test_a_gain_is_drawn_to_one_unless_it_is_no_tolerance(gain: float) -> None:
     assert damping == pytest.approx(2.0, rel=0.03)  # at the joint, not as the motor's log has it
 
 
+@pytest.mark.long
 def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> None:
     start = problem(TILT)
     found = unusual(start, solve(start), ARM)
@@ -143,6 +144,7 @@ def test_a_curve_must_be_evident_beside_everything_usual(monkeypatch: pytest.Mon
     assert weighed(start, z, left_out, straight, 5) is not None
 
 
+@pytest.mark.long
 def test_a_strong_tilt_is_told_to_what_noise_leaves() -> None:
     """By its first order about half of it, roll was 0.1947 and 38 standard errors off."""
     start = problem(effect("gravity_tilt", roll=0.2, pitch=0.25))
@@ -354,6 +356,7 @@ def test_a_push_at_another_point_of_a_link_is_found_there(link: str, point: list
     assert np.all(np.abs(told["wrench"][0][:3] - force) < 3.0 * told["wrench"][1][:3])
 
 
+@pytest.mark.long
 def test_a_burst_that_is_over_at_once_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:
     true = ARM.with_effects([everywhere("viscous_friction", damping=2.0)])
     records = noisy(ARM, true, 10.0)

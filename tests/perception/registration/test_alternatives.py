@@ -81,6 +81,7 @@ def turns_allowed(mug: ModelCloud, yaw: float) -> tuple[Array, Array]:
     return settled(found)
 
 
+@pytest.mark.long
 def test_a_mug_whose_handle_is_out_of_sight_may_be_turned(mug: ModelCloud) -> None:
     """The camera looks from the front: the handle is seen at its side and hidden behind it."""
     spreads = [float(np.sqrt(turns_allowed(mug, yaw)[1][2, 2])) for yaw in np.arange(8) * np.pi / 4]

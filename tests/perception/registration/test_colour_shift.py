@@ -114,6 +114,7 @@ def image(boxes: list[tuple[Known, Thing]], k: int) -> Segments:
     return segment(aside, depth, k / 15, Grid.of(VIEW, 2), scenario.Perception())
 
 
+@pytest.mark.long
 def test_the_shift_is_found_and_poses_do_not_follow_colours(boxes: list[tuple[Known, Thing]]) -> None:
     library = [known for known, _ in boxes]
     off: dict[str, float] = {}

@@ -230,6 +230,7 @@ def test_weak_direction_keeps_the_prediction_and_says_so(tmp_path: Path) -> None
     assert np.sqrt(np.diag(result.covariance)[3:]).max() < 3e-3
 
 
+@pytest.mark.long
 def test_unexplained_points_pull_a_grey_face_sideways(library: dict[str, ModelCloud]) -> None:
     """Only the opposite direction knows that a face without texture lies too far to one side."""
     model, name = library["sugar_box"], "sugar_box"

@@ -82,6 +82,7 @@ def near(found: Array, place: Array) -> bool:
     return bool(np.linalg.norm(found - place) < 0.006)
 
 
+@pytest.mark.long
 def test_two_alikes_are_two_and_stay_who_they_are(library: tuple[Known, ...]) -> None:
     a, b = standing(SUGAR, A, 0.4), standing(SUGAR, B, -0.5)
     ball = [(np.array([0.95, 0.0, 0.45]), 0.19)]  # before everything

@@ -33,6 +33,7 @@ def flow_of(seed: int, box: object, v: Array, turn: float = 0.0) -> Flow | None:
     return flow
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("v", [[0.0, 0.0, 0.0], [-0.4, 0.1, 0.0], [0.2, 0.3, 0.0], [0.0, -0.5, 0.0]])
 def test_told_velocities_are_as_far_off_as_they_say(v: list[float]) -> None:
     """Of a D435: squared errors over claims, per axis, of ten boxes."""

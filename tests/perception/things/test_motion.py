@@ -82,8 +82,8 @@ def test_what_rests_is_not_told_to_move_while_an_arm_sweeps_before_it(height: fl
     assert wrong <= 0.01 * frames, f"{wrong} of {frames}"
 
 
-@pytest.mark.parametrize("speed", [0.1, 0.2, 0.35, 0.5])
-@pytest.mark.parametrize("direction", [0.0, 0.8, 1.57, 2.5])
+@pytest.mark.parametrize("speed", [0.1, *(pytest.param(v, marks=pytest.mark.long) for v in (0.2, 0.35)), 0.5])
+@pytest.mark.parametrize("direction", [0.0, *(pytest.param(d, marks=pytest.mark.long) for d in (0.8, 2.5)), 1.57])
 def test_what_moves_is_told_within_three_tenths_of_a_second(speed: float, direction: float) -> None:
     watched = Watched(7)
     v = speed * np.array([np.cos(direction), np.sin(direction)])

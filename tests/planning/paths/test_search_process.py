@@ -108,7 +108,8 @@ def waited_for(searcher: SearchProcess) -> bool:
     return searcher.works()
 
 
-@pytest.mark.parametrize("how", ["killed", pytest.param("hangs", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("how", ["killed", "hangs"])
 def test_it_is_started_anew_after_pauses_that_grow_and_then_no_more(
     guide: Guide, how: str, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -64,6 +64,7 @@ def between(thing: SeenThing, gap: float, height: float) -> list[np.ndarray]:
     return [rng.uniform([low[0], a, height], [high[0], b, height], (4000, 3)) for a, b in sides]
 
 
+@pytest.mark.long
 def test_fingers_push_aside_what_leaves_them_no_room_but_not_what_the_palm_would_meet(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

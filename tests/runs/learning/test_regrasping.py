@@ -47,6 +47,7 @@ def box_seen() -> SeenThing:
     return SeenThing(points[order], normals[order], np.zeros((1800, 2), int), np.array([1.15, 0.0, 0.62]))
 
 
+@pytest.mark.long
 def test_the_picture_alone_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -> None:
     thing, asked = box_seen(), []
     shown = ShownObject(Followed(points=thing.points - AT, normals=thing.normals))

@@ -23,6 +23,7 @@ def ended(jobs: ShapeJobs, count: int) -> list[Done]:
     raise AssertionError(f"{found} after a minute")
 
 
+@pytest.mark.long
 def test_frames_that_cannot_be_used_are_told_and_the_next_one_is_tried(tmp_path: Path) -> None:
     jobs = ShapeJobs()
     for name in ("object_01", "object_02"):

@@ -66,6 +66,7 @@ def test_what_is_hidden_is_believed_as_it_was_when_it_was_seen(fits: float) -> N
     assert hidden == pytest.approx(seen, rel=1e-6)
 
 
+@pytest.mark.long
 def test_what_moves_goes_on_for_a_while_only() -> None:
     filter_, _ = _watched([0.0], 0.02)
     filter_[object_filter.FilterLayout.MODE] = object_filter.Mode.MOVING

@@ -162,6 +162,7 @@ def test_the_axis_of_a_round_thing_is_free_whichever_it_is(tmp_path: Path) -> No
     assert of(lines(tmp_path / "out")[0], "rod")["free"] == [[1.0, 0.0, 0.0]]
 
 
+@pytest.mark.long
 def test_a_mesh_without_colours_is_found_by_its_shape(scene: Path, tmp_path: Path) -> None:
     """An STL tells no colours, and those that pictures show of it veto nothing; another box stays unknown."""
     for name, size in (("brick", SIZE), ("other", (0.1, 0.1, 0.03))):

@@ -481,6 +481,7 @@ def test_a_recorder_takes_one_run(tmp_path: Path) -> None:
             simulator.Initialize()
 
 
+@pytest.mark.long
 def test_depth_of_a_real_camera_on_a_grid_of_its_own_is_played_to_the_bit(egl: None, tmp_path: Path) -> None:
     plan = scenario()
     assert plan.twin.camera is not None

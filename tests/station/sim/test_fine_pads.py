@@ -61,6 +61,7 @@ def test_pads_are_finer_at_longer_steps_alone(tmp_path: Path, arm: str) -> None:
     assert unmet(longer, finer) == unmet(usual, same)
 
 
+@pytest.mark.long
 def test_a_box_is_held_off_its_centre_at_a_longer_step(tmp_path: Path) -> None:
     """A fifth of what ten seconds may do: between plain pads it turns by 0.22° in that time."""
     held = hold(tmp_path, off=0.02, time_step=0.005)

@@ -13,6 +13,7 @@ from twin_diagram.station.sim.world_plant import build_world
 BLIND = ["twin.camera=null", "twin.library={}"]
 
 
+@pytest.mark.long
 def test_an_object_is_as_heavy_as_is_said() -> None:
     """With its middle where it was, and its gyration: both can boxes are like the asset's, but for the mass."""
     inertias = []

@@ -154,6 +154,7 @@ def live() -> tuple[ClosedLoop, Simulator]:
     return run(plan(), 1.2)
 
 
+@pytest.mark.long
 def test_scans_reach_the_filter_and_are_as_sure_as_they_say(live: tuple[ClosedLoop, Simulator]) -> None:
     loop, simulator = live
     root = simulator.get_context()
@@ -230,6 +231,7 @@ def test_a_recording_shows_scans_again_to_the_bit(recorded: Path) -> None:
     assert loop.station.GetOutputPort(ports.time_of(PORT)).Eval(station)[0] == NEVER
 
 
+@pytest.mark.long
 def test_a_recording_without_scans_is_one_in_which_the_lidar_is_silent(recorded: Path, tmp_path: Path) -> None:
     """As earlier versions wrote them: their manifests do not know the word."""
     folder = Path(shutil.copytree(recorded, tmp_path / "recording"))

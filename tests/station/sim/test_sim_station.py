@@ -536,6 +536,7 @@ def test_a_covered_lens_sees_nothing(egl) -> None:
     assert run.to(0.2)["camera.depth_image"].max() > 0
 
 
+@pytest.mark.long
 def test_the_true_camera_may_stand_elsewhere_than_the_twin_thinks(egl) -> None:
     told = Run(scenario(small_camera())).to(0.05)["camera.depth_image"]
     moved = replace(small_camera().X_WC, translation=[1.4, 0.0, 0.80])

@@ -116,6 +116,7 @@ def test_the_hand_is_found_to_a_millimetre_or_two(seen: tuple[ClosedLoop, Simula
         assert np.linalg.eigvalsh(R).min() >= 0.99 * min(DEPTH_POSE.floor) ** 2
 
 
+@pytest.mark.long
 def test_an_arm_out_of_sight_has_no_pose(seen: tuple[ClosedLoop, Simulator]) -> None:
     loop, simulator = seen
     depth, q = image_and_truth(loop, simulator)
