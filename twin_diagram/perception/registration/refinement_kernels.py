@@ -190,13 +190,15 @@ def refine_one(
     """Refine one pose R (1, 3, 3), p (1, 3) in place."""
     goal = (R[0].copy(), p[0].copy())
     sizes, course = rules.sizes, rules.course
-    level, taken, right = COARSE, 0, course.right
+    # Not a bare constant, nor arrays set to arrays: for those Numba compiles all below once more, and words of errors.
+    level, taken, right = int(COARSE), 0, course.right
     reach = sizes.narrow if right else sizes.reach
     H, b, slope = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty(6)
     for _ in range(course.most):
         normal_equations(R, p, model, cloud, image, points_W, rules, (level, reach), room, (H, b))
         add_prior(R[0], p[0], goal, prior, H[0], b[0])
-        slope[:] = b[0]
+        for i in range(6):
+            slope[i] = b[0, i]
         solve(H[0], b[0])
         gain = 0.0
         for i in range(6):
@@ -209,7 +211,10 @@ def refine_one(
             if smaller(turn, shift, sizes.fine):
                 level = FINE
             else:
-                R[0], p[0] = goal
+                for i in range(3):
+                    p[0, i] = goal[1][i]
+                    for j in range(3):
+                        R[0, i, j] = goal[0][i, j]
                 reach = sizes.reach
             continue
         taken += 1

@@ -128,7 +128,8 @@ def flow_since(views: Array, own: npt.NDArray[np.int64], segments: Segments, bef
     rows = views[k, 1:].reshape(PLACES, 6)
     rows = rows[rows[:, 3:].any(axis=1)]
     thin = own[:: max(1, -(-len(own) // TUNING.points))]
-    seen = _Seen(rows[:, :3], rows[:, 3:], segments.points_W[thin], segments.normals_W[thin], age)
+    places, normals = one_layout(rows[:, :3]), one_layout(rows[:, 3:])
+    seen = _Seen(places, normals, segments.points_W[thin], segments.normals_W[thin], age)
     noise = _noise(seen.places, segments)
     starts = [age * before]
     for start in (seen.points.mean(axis=0) - seen.places.mean(axis=0), np.zeros(3)):

@@ -145,15 +145,15 @@ def without_turn(share: Array, still: float) -> Array:
         share: information on the turn, then on the shift.
         still: more on the turn [1/rad²].
     """
-    turns, both = share[:3, :3].copy(), share[:3, 3:].copy()
+    known = share.copy()
     for k in range(3):
-        turns[k, k] += still
-    solved, known = np.linalg.solve(turns, both), share[3:, 3:].copy()
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                known[i, j] -= both[k, i] * solved[k, j]
-    return 0.5 * (known + known.T)
+        known[k, k] += still
+    for k in range(3):  # eliminated one after another, which leaves Schur's complement
+        for i in range(k + 1, 6):
+            part = known[i, k] / known[k, k]
+            for j in range(k + 1, 6):
+                known[i, j] -= part * known[k, j]
+    return 0.5 * (known[3:, 3:] + known[3:, 3:].T)
 
 
 @compiled

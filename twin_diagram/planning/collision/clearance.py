@@ -247,7 +247,7 @@ class Clearance:
         # One layout: for another the loops would be compiled anew.
         row, body, part = map(np.ascontiguousarray, np.nonzero(wanted))
         ball = balls[row, body, part]
-        normal = arm_loops.turned(np.ascontiguousarray(around.X_WO), body, row, normals[row, body, part])
+        normal = arm_loops.turned(np.require(around.X_WO, requirements=("C", "W")), body, row, normals[row, body, part])
         at = placement.axes_W, placement.origins_W, self.chain.prismatic
         gradient = arm_loops.slopes(arm.centres[row, ball], self._links[ball], row, normal, *at)
         own, which = self._near_self(arm, own_reach)
@@ -308,7 +308,8 @@ class Clearance:
 
         With margins (N, B + 1) about the `most` that lack most of them are enough.
         """
-        where = [np.ascontiguousarray(part) for part in (around.X_WO, around.grown, around.present)]
+        # Writable too: for arrays that are not, loops would be compiled once more.
+        where = [np.require(part, requirements=("C", "W")) for part in (around.X_WO, around.grown, around.present)]
         tables, near = self._tables_of(around), _near_kernels()
         far = np.full((len(arm.centres), self._count(around)), float(reach))
         if margins is not None and most is not None:
