@@ -19,6 +19,7 @@ from twin_diagram.errors import AssetError, ModelError
 from twin_diagram.model.description import add_arm as description
 from twin_diagram.model.description.fixtures import add_fixture
 from twin_diagram.model.description.followers import Followers
+from twin_diagram.model.description.foreign import add_models
 from twin_diagram.scenario import resources
 from twin_diagram.scene.slot_geometry import Shapes, SlotFrames, SlotPoses, add_slot_frames, library_shapes
 from twin_diagram.signals.arrays import Array
@@ -190,7 +191,7 @@ def _add_object(plant: MultibodyPlant, name: str, folder: str, packages: Mapping
     path = resources.resolve(folder, packages)
     spec = read_spec(path)
     try:
-        instances = description.parser(plant, packages).AddModels(path / "model.sdf")
+        instances = add_models(description.parser(plant, packages), path / "model.sdf")
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise AssetError(f"{path}: {str(error).strip().splitlines()[0]}") from error
     if len(instances) != 1 or not plant.HasBodyNamed("object", instances[0]):

@@ -74,6 +74,9 @@ _BULLET = re.compile(
 _PAINT = re.compile(rb"<material\b.*?</material>", re.DOTALL)
 """Of an SDF's shape that is touched, and not seen: refused likewise."""
 
+_INCLUDED = re.compile(rb"<(?:\w+:)?include\b")
+"""Of an SDF: another model."""
+
 _LITERAL = re.compile(r"<literal-string>\.\w+|<data-string>")
 """What Drake and SDFormat call a text; of what an MJCF says, too, Drake says `.urdf`."""
 
@@ -96,7 +99,7 @@ def add_models(reader: Parser, path: Path, *, still: bool = False) -> tuple[Mode
     kind = path.suffix.lower()
     if kind in named_files.DIRECTIVES and path.is_file():
         return _add_named(reader, path)
-    text = _mended(reader, path, still)
+    text = _mended(reader, path, still) or _unfiled(path)
     if text is None:
         return tuple(reader.AddModels(path))
     try:
@@ -159,6 +162,19 @@ def _mended(reader: Parser, path: Path, still: bool = False) -> str | None:
     if text == given:
         return None
     return named_files.anchored(text, path, b"" if kind == ".xml" else b"file://").decode(errors="replace")
+
+
+def _unfiled(path: Path) -> str | None:
+    """Return an SDF's text, its files named by absolute paths: SDFormat reads that in 1 to 15 ms, a file in 45 to 75.
+
+    None where it is no such file, or names others that hold models.
+    """
+    if path.suffix.lower() != ".sdf" or not path.is_file() or _INCLUDED.search(text := path.read_bytes()):
+        return None
+    try:
+        return named_files.anchored(text, path, b"file://").decode()
+    except UnicodeDecodeError:
+        return None
 
 
 def folders_of(packages: PackageMap) -> dict[str, Path]:

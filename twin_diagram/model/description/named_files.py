@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from xml.sax.saxutils import escape, unescape
 
 from pydrake.multibody.parsing import LoadModelDirectives
 
@@ -31,22 +32,28 @@ def anchored(text: bytes, description: Path, prefix: bytes = b"") -> bytes:
     """
     # What is not there is named, too, where it is read: a text has no folder, and Drake looks in the user's.
     named = bool(prefix) or not _FOLDER.search(text)
+    write = os.fsencode if description.suffix.lower() in DIRECTIVES else _in_xml
 
     def file(match: re.Match[bytes]) -> bytes:
-        path = description.parent / os.fsdecode(match[2])
+        path = description.parent / unescape(os.fsdecode(match[2]))
         relative = b"://" not in match[2] and (path.is_file() or named)
-        return match[1] + prefix + os.fsencode(path.resolve()) if relative else match[0]
+        return match[1] + prefix + write(path.resolve()) if relative else match[0]
 
     def folder(match: re.Match[bytes]) -> bytes:
-        return match[1] + os.fsencode((description.parent / os.fsdecode(match[2])).resolve())
+        return match[1] + write((description.parent / unescape(os.fsdecode(match[2]))).resolve())
 
     def in_package(match: re.Match[bytes]) -> bytes:
         package = package_above(description, os.fsdecode(match[1]), os.fsdecode(match[2]))
-        return match[0] if package is None else prefix + os.fsencode(package / os.fsdecode(match[2]))
+        return match[0] if package is None else prefix + write(package / unescape(os.fsdecode(match[2])))
 
     if description.suffix.lower() == ".xml":
         text = _FOLDER.sub(folder, text)
     return _IN_PACKAGE.sub(in_package, _RELATIVE_FILE.sub(file, text))
+
+
+def _in_xml(path: Path) -> bytes:
+    """Return a path as it stands in a description."""
+    return os.fsencode(escape(str(path), {'"': "&quot;", "'": "&apos;"}))
 
 
 def packages_above(text: bytes, description: Path, known: Mapping[str, Path]) -> dict[str, Path]:
