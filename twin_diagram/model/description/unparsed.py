@@ -11,6 +11,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 from xml.etree.ElementTree import Element
@@ -238,9 +239,19 @@ def tree(path: Path) -> Element:
 def _root(path: Path) -> Element:
     """Return the root of a file that Drake could read.
 
-    Namespaces need not be declared, and what is no XML holds nothing.
+    An MJCF's is the caller's own, as what it includes is put into it; others are read by many, and changed by nobody.
     """
     text = path.read_bytes()
+    return _read(text) if path.suffix.lower() == ".xml" else _kept(text)
+
+
+@lru_cache(maxsize=16)  # a twin's arm is described in one or two files, and asked about some sixty times as it is built
+def _kept(text: bytes) -> Element:
+    return _read(text)
+
+
+def _read(text: bytes) -> Element:
+    """Return the root of an XML; namespaces need not be declared, and what is no XML holds nothing."""
     try:
         return ElementTree.fromstring(text)
     except ElementTree.ParseError:
