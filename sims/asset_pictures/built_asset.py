@@ -10,8 +10,8 @@ import numpy as np
 from asset_pictures import drawing
 from asset_pictures.page import Row
 from twin_diagram.assets import Asset
-from twin_diagram.assets.building.depth_view import thinned, view_points
-from twin_diagram.assets.building.reconstruct import object_points
+from twin_diagram.assets.building.depth_view import view_points
+from twin_diagram.assets.building.reconstruct import looked_over, object_points
 from twin_diagram.assets.description import read_spec
 from twin_diagram.assets.mesh import bilinear, read_obj, read_png
 from twin_diagram.logs.frames import FrameFolder
@@ -32,7 +32,7 @@ def views_part(frames: FrameFolder | TransformsFolder, most: int = 12) -> Part:
 
 def cloud_part(frames: FrameFolder | TransformsFolder, where: str) -> Part:
     """Return the scene's cloud, and what is left of it as the object's."""
-    views = [thinned(frames.read(k), 2) for k in range(len(frames))]
+    views = [looked_over(frames.read(k)) for k in range(len(frames))]
     kept, plane = object_points(views, where, 0)
     middle, reach = (kept.min(axis=0) + kept.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(kept, axis=0))) / 2
     scene = np.concatenate([view_points(view, 1, None)[0] for view in views])

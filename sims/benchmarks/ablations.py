@@ -2,6 +2,7 @@
 
     python sims/benchmarks/ablations.py --out out/ablations
     python sims/benchmarks/ablations.py --rows views --views 5 10
+    python sims/benchmarks/ablations.py --rows predictions --seeds 0 1 2
 
 SyncTwin's Figures 5, 6 and 9. Pictures are cast with a D415's noise, poses 2 mm / 0.2° off; masks are the true ones.
 Prints a table and writes `OUT/page.html`, with a picture of each result beside the truth. Seconds are of processor
@@ -16,7 +17,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -73,21 +74,26 @@ class Row:
     views: int
     without: str = ""
     predicted: bool = False
+    seed: int = 0
 
     @property
     def label(self) -> str:
         """What the table calls it."""
         extra = f", no {self.without}" if self.without else ", predictions" if self.predicted else ""
-        return f"{self.thing}, {self.views} views{extra}"
+        return f"{self.thing}, {self.views} views{extra}" + (f", seed {self.seed}" if self.seed else "")
+
+    def beside(self) -> list[TrueObject]:
+        """Return what stands beside the thing: the cube that tells the scale of predictions."""
+        return [cube(EDGE, (0.11, 0.02))] if self.predicted else []
 
 
-def rows(groups: list[str], views: list[int]) -> Iterator[Row]:
-    """Yield what is to be built."""
+def rows(groups: list[str], views: list[int], seeds: list[int]) -> Iterator[Row]:
+    """Yield what is to be built, for each seed of the pictures."""
     every = [Row("views", thing, count) for thing in ("mug", "box") for count in views]
     for thing in ("mug", "tall rod", "ball", "mushroom"):
         every += [Row("steps", thing, 10, without) for without in ("", "expansion", "denoising")]
     every += [Row("predictions", thing, count, predicted=True) for thing in ("box", "mug") for count in (5, 10)]
-    yield from (row for row in every if row.group in groups)
+    yield from (replace(row, seed=seed) for seed in seeds for row in every if row.group in groups)
 
 
 def build(row: Row, item: TrueObject, out: Path) -> tuple[list[Picture], Path, float, float]:
@@ -95,9 +101,8 @@ def build(row: Row, item: TrueObject, out: Path) -> tuple[list[Picture], Path, f
 
     Returns its pictures, its folder, the seconds that it took, and by what share the scale found is off; NaN of frames.
     """
-    beside = [cube(EDGE, (0.11, 0.02))] if row.predicted else None
     distance = 0.6 if item.vertices[:, 2].max() < 0.3 else 0.9
-    shots = pictures(item, row.views, distance=distance, others=beside)
+    shots = pictures(item, row.views, seed=row.seed, distance=distance, others=row.beside())
     name = row.label.replace(", ", "-").replace(" ", "_")
     begin, scale = time.process_time(), float("nan")
     said: list[str] = []
@@ -108,7 +113,7 @@ def build(row: Row, item: TrueObject, out: Path) -> tuple[list[Picture], Path, f
             changes.enter_context(patch.object(reconstruct, "find_plane", lambda *a, **k: None))
         if row.predicted:
             out.mkdir(parents=True, exist_ok=True)
-            file = write_predictions(out / f"{name}.npz", shots, UNIT)
+            file = write_predictions(out / f"{name}.npz", shots, UNIT, row.seed)
             built = build_from_predictions(file, name, out / "library", EDGE, replace_it=True, say=said.append)
             scale = float(said[0].removeprefix("scale: ").split()[0]) / UNIT - 1
         else:
@@ -125,7 +130,7 @@ def run(row: Row, out: Path) -> dict[str, float | str]:
     except TwinError as error:
         return {"label": row.label, "refused": str(error)}
     mesh, spec = read_obj(folder / "visual.obj"), read_spec(folder)
-    found = score(item, shots, mesh.vertices + np.array(spec.origin), mesh.faces)
+    found = score(item, shots, mesh.vertices + np.array(spec.origin), mesh.faces, row.beside())
     return {"label": row.label, "folder": folder.name, "s": seconds, "scale %": 100 * scale, **found}
 
 
@@ -157,6 +162,7 @@ def main() -> None:
     groups = ["views", "steps", "predictions"]
     parser.add_argument("--rows", nargs="+", choices=groups, default=groups)
     parser.add_argument("--views", nargs="+", type=int, default=[5, 10, 20, 40, 60])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
     parser.add_argument("--out", type=Path, default=Path("out/ablations"))
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -164,7 +170,7 @@ def main() -> None:
     done = {r["label"]: r for r in result_lines.read(file)}
     print(f"{'':34} {'s':>6} {'scale %':>7} " + " ".join(f"{key:>7}" for key in COLUMNS))
     parts = []
-    for row in rows(args.rows, args.views):
+    for row in rows(args.rows, args.views, args.seeds):
         if row.label not in done:
             done[row.label] = run(row, args.out)
             result_lines.append(file, done[row.label])

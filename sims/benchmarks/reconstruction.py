@@ -126,11 +126,24 @@ def true_volume(item: TrueObject, step: float = 0.0006) -> float:
     return float(np.count_nonzero(inside)) * step**3
 
 
-def score(item: TrueObject, shots: list[Picture], vertices: Array, faces: Array) -> dict[str, float]:
-    """Return distances both ways [mm] on what is seen, what is left of the table and lost of the thing, volume."""
+def with_others(item: TrueObject, others: list[TrueObject]) -> Surface:
+    """Return the surface of a thing and of what stands beside it, and hides some of it."""
+    every = [item, *others]
+    first = np.cumsum([0, *(len(one.vertices) for one in every)])
+    faces = [one.faces + start for one, start in zip(every, first, strict=False)]
+    return Surface(np.concatenate([one.vertices for one in every]), np.concatenate(faces))
+
+
+def score(
+    item: TrueObject, shots: list[Picture], vertices: Array, faces: Array, others: list[TrueObject] | None = None
+) -> dict[str, float]:
+    """Return distances both ways [mm] on what is seen, what is left of the table and lost of the thing, volume.
+
+    `others` stand beside it: what they hide in a picture is not seen there.
+    """
     true = Surface(item.vertices, item.faces)
     points, normals = spread(item.vertices, item.faces, 20000, 0)
-    seen = true.shows(shots, points, normals) >= 2
+    seen = with_others(item, others or []).shows(shots, points, normals) >= 2
     built, _ = spread(vertices, faces, 20000, 1)
     R, t = laid_on(built[::4], true, item.vertices.mean(axis=0))
     about = item.vertices.mean(axis=0)

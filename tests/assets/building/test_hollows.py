@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
+from scipy import ndimage
 
 from tests.assets.building.pictured import box, cup, rings, shots
 from twin_diagram.assets.building.decimation import enclosed_volume
@@ -56,6 +59,17 @@ def test_a_hollow_gets_a_flat_floor_where_its_walls_are_no_longer_seen() -> None
     under = opened.chance[40, 40, :]  # less and less sure further down, to the ground
     under = under[(under > 0) & (opened.field.distance[40, 40] < 0)]
     assert len(under) > 10 and (np.diff(under) >= 0).all()
+
+
+def test_a_wall_that_no_view_told_of_keeps_the_water() -> None:
+    """A third of a cup's wall was hidden by what stands beside it, from within, too."""
+    given = cup_field(0.02)
+    x, _, z = np.moveaxis(given.grid.points(), -1, 0)
+    told = given.known & ~((x > 0.01) & (given.distance < 0) & (z < 0.045))
+    opened = with_floors(replace(given, known=told), GROUND)
+    gone = (opened.field.distance >= 0) & (given.distance < 0)
+    air = (given.distance >= 0) & (np.hypot(x, given.grid.points()[..., 1]) > 0.028)
+    assert gone.any() and not (ndimage.binary_dilation(gone, iterations=2) & air & (z > 0)).any()
 
 
 def test_without_a_support_nothing_is_opened_nor_where_all_was_seen() -> None:

@@ -19,7 +19,13 @@ from twin_diagram.assets.building.fusion import FusionGrid, fuse
 from twin_diagram.assets.building.looking_past import check_unseen
 from twin_diagram.assets.building.outlines import outline
 from twin_diagram.assets.building.predictions import metric, read_predictions
-from twin_diagram.assets.building.reconstruct import Reconstruction, held_points, object_points, reconstruct
+from twin_diagram.assets.building.reconstruct import (
+    Reconstruction,
+    held_points,
+    looked_over,
+    object_points,
+    reconstruct,
+)
 from twin_diagram.assets.building.selection import the_one_thing
 from twin_diagram.assets.building.view_poses import align, mean_surface
 from twin_diagram.assets.description import read_spec
@@ -412,6 +418,17 @@ def test_predictions_that_cannot_be(tmp_path: Path, prediction: dict[str, np.nda
     file.write_bytes(b"PK nothing")
     with pytest.raises(FramesError, match="not readable as arrays"):
         read_predictions(file)
+
+
+def test_a_thin_arm_in_a_small_picture_is_the_objects() -> None:
+    """It is four pixels thick: thinned, it lies beside edges from all sides."""
+    arm = box((0.04, 0.008, 0.008)).apply_translation([0.04, 0.0, 0.06])
+    taken = shots([trimesh.util.concatenate([box((0.04, 0.04, 0.09)), arm])], cameras(5, 0.045, distance=0.6))
+    views = [looked_over(frame) for frame in taken.frames]
+    points, _ = object_points(views, "arm", 0)
+    assert points[:, 0].max() == pytest.approx(0.06, abs=0.002)  # thinned, 0.020
+    large = replace(taken.frames[0], depth=np.tile(taken.frames[0].depth, (4, 4)))
+    assert looked_over(large).depth.shape == (2 * taken.frames[0].depth.shape[0], 2 * taken.frames[0].depth.shape[1])
 
 
 def test_thinned_view_sees_the_same_place(mug: Shots) -> None:

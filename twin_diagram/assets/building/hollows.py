@@ -92,6 +92,9 @@ def with_floors(field: DistanceField, plane: Array | None) -> Opened:
     empty = (_share(~inside & ~ground) >= 0.5) & ~full
     unknown = (_share(inside & ~field.known) > 0.0) & ~full & ~empty
     water = held_water(empty, height[::n, ::n, ::n], TUNING.water * n * field.grid.voxel)
+    # What is opened is to hold water, too: a wall that no view told of stands between it and what is around.
+    wall = unknown & ndimage.binary_dilation(empty & ~water)
+    full, unknown = full | wall, unknown & ~wall
     free = _beside(unknown, water)
     if not free.any():
         return nothing

@@ -47,7 +47,11 @@ class Tuning:
     """Least longest edge of an object [m]; below it, likewise."""
 
     thinned: int = 2
-    """Every so many rows and columns are looked at to find the object."""
+    """Every so many rows and columns are looked at to find the object, …"""
+
+    least_columns: int = 300
+    """… where so many columns are left of a picture: a mug's handle at 0.6 m is seven of a network's 320 wide, and
+    thinned all of it lay beside an edge, so that the object ended before its handle."""
 
     window: int = 40
     """Pixels about the object that are kept: of the support, by which views are levelled."""
@@ -148,7 +152,7 @@ def reconstruct(
     """
     if len(frames) < TUNING.least_views:
         raise FramesError(f"{where}: {len(frames)} views, at least {TUNING.least_views} are needed to build an object")
-    looks = [thinned(frames.read(k), TUNING.thinned) for k in range(len(frames))]
+    looks = [looked_over(frames.read(k)) for k in range(len(frames))]
     points, plane = held_points(looks, where) if held else object_points(looks, where, seed)
     check_size(points, where)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -178,6 +182,11 @@ def reconstruct(
     unseen = check_unseen(share_unseen(vertices, faces, count), where)
     say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
     return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise, _doubt(found, opened))
+
+
+def looked_over(frame: RgbdFrame) -> DepthView:
+    """Return a frame's view as it is looked at to find the object: thinned, where it is large."""
+    return thinned(frame, TUNING.thinned if frame.depth.shape[1] >= TUNING.thinned * TUNING.least_columns else 1)
 
 
 def _doubt(found: AlignedViews, opened: Opened) -> Doubt:
