@@ -70,6 +70,7 @@ class WholeRobot:
         problem: that was solved.
         coordinates: its solution.
         separation: of near pairs.
+        along: how many links are there beside those that earned their place, see `with_all_links`.
     """
 
     model: Model
@@ -80,10 +81,11 @@ class WholeRobot:
     problem: RobotProblem
     coordinates: Array
     separation: tuple[Separation, ...] = ()
+    along: int = 0
 
     def terms(self) -> int:
-        """Return how many links and joints are named, each name counted."""
-        return sum(len(finding.joints) + len(finding.links) for finding in self.findings)
+        """Return how many links and joints earned their place, each name counted."""
+        return sum(len(finding.joints) + len(finding.links) for finding in self.findings) - self.along
 
     def closes(self) -> float:
         """Return the share of the residual torque that is gone on motion that fits have not seen, mean over joints."""
@@ -91,8 +93,8 @@ class WholeRobot:
         return float(np.mean(1.0 - np.minimum(self.left[told] / self.before[told], 1.0))) if np.any(told) else 0.0
 
     def links(self) -> int:
-        """Return how many links are named."""
-        return len({link for finding in self.findings for link in finding.links})
+        """Return how many links earned their place."""
+        return len({link for finding in self.findings for link in finding.links}) - self.along
 
     def places(self) -> int:
         """Return how many joints have something of their own."""

@@ -16,6 +16,7 @@ from twin_diagram.gap.experiments.advice import experiment
 from twin_diagram.gap.findings import Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
+from twin_diagram.gap.whole_robot.all_links import with_all_links
 from twin_diagram.gap.whole_robot.colour_of_noise import between, whitened
 from twin_diagram.gap.whole_robot.concluding import WholeRobot, concluded, last_of, own_terms, well_known
 from twin_diagram.gap.whole_robot.dry_shapes import shaped
@@ -96,7 +97,7 @@ def explain(records: Records, *, known: bool = False, told: Array | None = None)
     if found is not None and told is not None and len(told) > 10 * records.n:
         found = beside_what_was_found(found, whole, told)
     found = None if found is None else well_known(found)
-    return None if found is None else in_doubt(found)
+    return None if found is None else in_doubt(with_all_links(found))
 
 
 def rather(plain: WholeRobot | None, other: WholeRobot | None, whole: RobotProblem) -> WholeRobot | None:
