@@ -39,14 +39,17 @@ class Tuning:
     nearer: tuple[float, ...] = (0.0, 0.008, 0.016, 0.024)
     """Starts lie nearer to the camera by so much [m]: patches 30 mm too deep draw what is half torn by as much."""
 
-    candidates: int = 6
+    candidates: int = 4
     """Starts that are refined."""
 
-    rounds: int = 3
+    rounds: int = 2
     """So often a pose tells what is torn, and what is left tells the pose."""
 
     least: float = 0.2
     """Where a search without regard to tears found less, it is another thing: half torn cans had 0.22 to 0.94."""
+
+    accept: float = 0.8
+    """What a search beside tears finds explains as much: shiny cans had 0.88 to 0.98, a carton in the air 0.38."""
 
     as_good: float = 0.9
     """By the whole image, torn patches and all, a pose beside tears has to be this share as likely as without."""
@@ -85,7 +88,8 @@ def search_past_tears(
     left = kept(frame, past.frame.depth != frame.depth, thin)
     share = judged(model, left, one)
     again = Found(one, one.quality * share, one.likeness * share)
-    return with_colours_aligned(model, past.frame, again, left, params)
+    again = with_colours_aligned(model, past.frame, again, left, params)
+    return again if again.score >= TUNING.accept else found
 
 
 def followed_past_tears(

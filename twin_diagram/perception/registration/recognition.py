@@ -165,7 +165,7 @@ def _searched(
     frame, params = view.frame, view.params
     if known is None:
         result = search(model, frame, points_W, ways, params)
-        if result is not None and result.score < GLOBAL_SEARCH.sure:
+        if result is not None and result.score < TUNING.accept:
             result = search_past_tears(model, view, points_W, ways, result)
         # Turned anyhow, a shape without colours fits too much: a part of a castle passed for a second one.
         if not (ways and model.coloured and hangs(frame, points_W)):

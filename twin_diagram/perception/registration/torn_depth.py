@@ -94,8 +94,15 @@ def past_what_is_torn(model: ModelCloud, view: View, R: Array, p: Array) -> View
     """Return an image, past an object's tears where it is in doubt without; see `past_tears`."""
     if not model.coloured or not view.frame.planes:
         return view
-    fit = assess(model, view.frame, Poses(R[None], p[None]), view.params.model_points)
-    return view if in_place(float(fit.shape[0]), float(fit.quality[0])) else past_tears(model, view, R, p) or view
+    if fits(model, view.frame, Poses(R[None], p[None]), view.params.model_points):
+        return view
+    return past_tears(model, view, R, p) or view
+
+
+def fits(model: ModelCloud, frame: Frame, pose: Poses, points: int) -> bool:
+    """Return whether an object at one pose is `in_place` in an image, by so many points."""
+    fit = assess(model, frame, pose, points)
+    return in_place(float(fit.shape[0]), float(fit.quality[0]))
 
 
 def in_place(shape: float, quality: float) -> bool:
@@ -118,21 +125,21 @@ def past_tears(model: ModelCloud, view: View, R: Array, p: Array) -> View | None
     if not seen.may_be_torn:
         return None
     pose, sure = Poses(R[None], p[None]), behind(model, view.frame, R, p, low=False)
-    blind = without(view, seen)
-    if _show_it(model, blind.frame, pose, [sure.pixels, seen.pixels & ~sure.pixels]):
-        return blind
-    blind = without(view, sure)
-    return blind if sure.may_be_torn and _show_it(model, blind.frame, pose, [sure.pixels]) else None
+    for torn, parts in ((seen, [sure.pixels, seen.pixels & ~sure.pixels]), (sure, [sure.pixels])):
+        if torn.may_be_torn:
+            frame = frame_without(view, torn)
+            if fits(model, frame, pose, view.params.model_points) and _show_it(model, frame, pose, parts):
+                return without(view, torn, frame)
+    return None
 
 
-def without(view: View, torn: Behind) -> View:
-    """Return an image as if nothing had been measured at torn pixels."""
+def without(view: View, torn: Behind, frame: Frame) -> View:
+    """Return an image as if nothing had been measured at torn pixels; `frame` is that for registration."""
     segments = view.segments
     cells = torn.pixels[:: segments.stride, :: segments.stride]
     label = np.where(cells, np.int16(SEGMENTS.no_depth), segments.label_image)
     left = ~cells.ravel()[segments.cells]
-    frame = frame_without(view, torn)
-    blind = replace(
+    left_over = replace(
         segments,
         points_W=segments.points_W[left],
         normals_W=segments.normals_W[left],
@@ -141,7 +148,7 @@ def without(view: View, torn: Behind) -> View:
         label_image=label,
         depth=frame.depth,
     )
-    return replace(view, segments=blind, frame=frame)
+    return replace(view, segments=left_over, frame=frame)
 
 
 def frame_without(view: View, torn: Behind) -> Frame:
