@@ -221,7 +221,7 @@ def registered_near(
     """Register an object from a guess; None where what comes of it is not believable."""
     thin = view.segments.points_W[claimed(known.model, view.segments, R, p, view.params.reach, TUNING.thin)]
     result = register(known.model, view.frame, R, p, view.params, prior=prior, points_W=thin, rests=rests)
-    if not (in_place(result.shape, result.quality) or floats(known, view, result)):
+    if rests and not (in_place(result.shape, result.quality) or floats(known, view, result)):
         result = followed_past_tears(known.model, view, result, Poses(R[None], p[None]), thin, prior)
     return result if believable(result, view.params, R, p) and stands_out(known, view, result, usual) else None
 
