@@ -150,6 +150,7 @@ def recognised(
         return np.flatnonzero(segments.labels == int(found.registration.p[0]))
 
     monkeypatch.setattr(recognition, "search", search)
+    monkeypatch.setattr(recognition, "search_past_tears", lambda model, view, points_W, ways, found: found)
     monkeypatch.setattr(recognition, "_owned", owned)
     monkeypatch.setattr(recognition, "hangs", lambda frame, points: False)
     points, names = Points(sizes), sorted({name for name, _ in scores})

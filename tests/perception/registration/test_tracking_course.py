@@ -57,6 +57,8 @@ class Image:
         monkeypatch.setattr(where_expected, "register", self.register)
         monkeypatch.setattr(tracking, "nearby", self.nearby)
         monkeypatch.setattr(where_expected, "assess", self.assess)
+        monkeypatch.setattr(where_expected, "followed_past_tears", lambda cloud, view, one, *at: one)
+        monkeypatch.setattr(where_expected, "floats", lambda *one: False)
         for module in (tracking, where_expected):
             monkeypatch.setattr(module, "stands_out", lambda *one, **anew: True)
         self.ahead = 20.0

@@ -8,8 +8,9 @@ import pytest
 from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram.assets import Asset
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
-from twin_diagram.runs.tracking.object_tracker import ObjectTracker, TrackedObject
+from twin_diagram.runs.tracking.object_tracker import ObjectTracker
 from twin_diagram.runs.tracking.track_frames import PERCEPTION
+from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.scenario.resources import models_dir
 
 WARM = np.array([0.95, 0.66, 0.4])

@@ -10,9 +10,9 @@ import pytest
 
 from twin_diagram.logs.frames import RgbdFrame, ViewCamera
 from twin_diagram.perception.pinhole import Pinhole
-from twin_diagram.runs.tracking.object_tracker import TrackedObject
 from twin_diagram.runs.tracking.results import COLUMNS, OBJECTS, POSES, Results, bop_row
 from twin_diagram.runs.tracking.table_frame import TableFrame
+from twin_diagram.runs.tracking.tracked_object import TrackedObject
 
 
 def test_a_row_is_of_the_scene_and_in_the_cameras_frame() -> None:

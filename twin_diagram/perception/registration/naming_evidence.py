@@ -19,6 +19,7 @@ from twin_diagram.perception.registration.outline import outline, own_points
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.settling import settle
 from twin_diagram.perception.registration.shape_evidence import ShapeEvidence, shape_evidence
+from twin_diagram.perception.registration.torn_depth import past_what_is_torn
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.where_expected import TUNING as EXPECTED
 from twin_diagram.perception.registration.where_expected import floats
@@ -91,10 +92,11 @@ def with_name(known: Known, view: View, one: RegisteredPose) -> RegisteredPose:
         one: the find.
     """
     told = naming(known, view, one)
-    if is_another(told) and told_by_colours(known, view, one) > 0.0:
-        own = claimed(known.model, view.segments, one.R, one.p, EXPECTED.owned)
-        points = view.segments.points_W[own[:: max(1, len(own) // TUNING.thin)]]
-        one = settle(known.model, view.frame, [one], points, view.params).registration
+    past = past_what_is_torn(known.model, view, one.R, one.p) if is_another(told) else view
+    if is_another(told) and told_by_colours(known, past, one) > 0.0:
+        own = claimed(known.model, past.segments, one.R, one.p, EXPECTED.owned)
+        points = past.segments.points_W[own[:: max(1, len(own) // TUNING.thin)]]
+        one = settle(known.model, past.frame, [one], points, view.params).registration
         told = naming(known, view, one)
     return replace(one, named=told, by_shape=False)
 
@@ -108,6 +110,7 @@ def naming(known: Known, view: View, one: RegisteredPose) -> Naming:
         one: the pose.
     """
     model = known.model
+    view = past_what_is_torn(model, view, one.R, one.p)
     colours = told_by_colours(known, view, one)
     evidence = None
     if floats(known, view, one):  # What carries it hides a part of its outline, and it stands on nothing.

@@ -15,8 +15,10 @@ from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_
 from twin_diagram.perception.registration.global_search import Found, search
 from twin_diagram.perception.registration.hues import alike, hues
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.past_tears import search_past_tears
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.search_aloft import afloat, anyhow, hangs
+from twin_diagram.perception.registration.view import View
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
 
@@ -118,7 +120,7 @@ def recognise(
     Returns:
         What was found, by the object's number; each segment's points go to one object alone.
     """
-    free = free.copy()
+    free, view = free.copy(), View(segments, frame, params, smallest)
     found: dict[int, Found] = {}
     tried: dict[tuple[int, int], Found] = {}
     for k, model in wanted.items():
@@ -127,7 +129,7 @@ def recognise(
         likeness = {s: alike(model.hues, hues(segments.colours[i])) for s, i in members.items() if len(i) >= smallest}
         known, ways = (floating or {}).get(k), list(orientations.get(k, ()))
         for s in sorted(likeness, key=lambda s: -likeness[s]):
-            result = _searched(model, frame, segments.points_W[members[s]], known, ways, params)
+            result = _searched(model, view, segments.points_W[members[s]], known, ways)
             if result is not None:
                 tried[k, s] = result
                 if result.score >= sure:
@@ -154,15 +156,17 @@ def recognise(
 
 def _searched(
     model: ModelCloud,
-    frame: Frame,
+    view: View,
     points_W: Array,
     known: Aloft | None,
     ways: list[tuple[Array, float]],
-    params: scenario.Registration,
 ) -> Found | None:
     """Look for an object among a segment's points (N, 3), in the air where it is `known` to have been, or hangs."""
+    frame, params = view.frame, view.params
     if known is None:
         result = search(model, frame, points_W, ways, params)
+        if result is not None and result.score < TUNING.accept:
+            result = search_past_tears(model, view, points_W, ways, result)
         # Turned anyhow, a shape without colours fits too much: a part of a castle passed for a second one.
         if not (ways and model.coloured and hangs(frame, points_W)):
             return result

@@ -14,12 +14,14 @@ from twin_diagram.perception.registration.alternatives import compare, votes, we
 from twin_diagram.perception.registration.assessment import assess
 from twin_diagram.perception.registration.colour_votes import colour_costs
 from twin_diagram.perception.registration.data_association import Poses, look
+from twin_diagram.perception.registration.past_tears import followed_past_tears
 from twin_diagram.perception.registration.point_kernels import COARSE, FINE
 from twin_diagram.perception.registration.recognition import looks_like_itself
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, information, label_of, register
 from twin_diagram.perception.registration.rotation import log
 from twin_diagram.perception.registration.slots import Slot, predict
 from twin_diagram.perception.registration.standing import standing
+from twin_diagram.perception.registration.torn_depth import in_place
 from twin_diagram.perception.registration.turned_alike import weighed
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.signals.arrays import Array
@@ -219,6 +221,8 @@ def registered_near(
     """Register an object from a guess; None where what comes of it is not believable."""
     thin = view.segments.points_W[claimed(known.model, view.segments, R, p, view.params.reach, TUNING.thin)]
     result = register(known.model, view.frame, R, p, view.params, prior=prior, points_W=thin, rests=rests)
+    if rests and not (in_place(result.shape, result.quality) or floats(known, view, result)):
+        result = followed_past_tears(known.model, view, result, Poses(R[None], p[None]), thin, prior)
     return result if believable(result, view.params, R, p) and stands_out(known, view, result, usual) else None
 
 

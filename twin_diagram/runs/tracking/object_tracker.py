@@ -22,6 +22,7 @@ from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.settling import settle
 from twin_diagram.perception.registration.slots import Slot
+from twin_diagram.perception.registration.torn_depth import past_what_is_torn
 from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
 from twin_diagram.perception.registration.turned_alike import probability, turned
 from twin_diagram.perception.registration.view import Known, View
@@ -33,6 +34,7 @@ from twin_diagram.perception.things.memory import Life
 from twin_diagram.runs.tracking.frame_views import FrameViews
 from twin_diagram.runs.tracking.individual import TUNING as BELIEF
 from twin_diagram.runs.tracking.individual import Individual, PoseShown, expected
+from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -64,42 +66,6 @@ class Tuning:
 
 
 TUNING = Tuning()
-
-
-@dataclass(frozen=True)
-class TrackedObject:
-    """One object after a frame, in the tracker's frame T.
-
-    Attributes:
-        track: number that stays with it.
-        asset: name in the library; None: unknown.
-        status: see `ObjectStatus`, lower case; `lost` once it is improbable.
-        probability: that it is there, the one that is named, and at that pose of all `hypotheses`, up to symmetries.
-        visible: share of its camera-facing surface that this frame shows.
-        R, p: pose; of an unknown thing no turn, and the middle of its points.
-        covariance: (6, 6), rotation then translation.
-        hypotheses: poses that the frame allows, with probabilities that sum to 1; the first is the pose.
-        pieces: vertices of convex pieces, of unknown things.
-        found: in this very frame.
-        named: probability of its name: even where a plain body would show the same.
-        by_shape: shape alone tells it.
-        free: numbers of the axes of O about which no turn is told.
-    """
-
-    track: int
-    asset: str | None
-    status: str
-    probability: float
-    visible: float
-    R: Array
-    p: Array
-    covariance: Array
-    hypotheses: tuple[PoseHypothesis, ...]
-    pieces: tuple[Array, ...]
-    found: bool
-    named: float = 0.0
-    by_shape: bool = False
-    free: tuple[int, ...] = ()
 
 
 class ObjectTracker:
@@ -226,8 +192,13 @@ class ObjectTracker:
         self._further = {i: before.get(i) or self._individual(self._numbered(), asset) for i, asset in held.items()}
         pairs = [*zip(self._first, after.poses, strict=True), *((self._further[i], further[i]) for i in held)]
         frame = Frame.of(segments, self._beside.shift)
+        views = [
+            self._seen(one, measured, View(segments, frame, self._params, self._told.smallest))
+            for one, measured in pairs
+        ]
         settled = [
-            self._settled(one, measured, segments, frame) if measured.quality > 0 else None for one, measured in pairs
+            self._settled(one, measured, view) if measured.quality > 0 else None
+            for (one, measured), view in zip(pairs, views, strict=True)
         ]
         for (one, measured), found in zip(pairs, settled, strict=True):
             if found is not None:
@@ -239,7 +210,7 @@ class ObjectTracker:
         if self._grows:
             self._grow(segments, after.things, pairs)
         individuals = [one for one, _ in pairs]
-        return [*self._objects(segments, frame, individuals, settled), *self._unknown(after.things, segments)]
+        return [*self._objects(views, individuals, settled), *self._unknown(after.things, segments)]
 
     def _grow(self, segments: Segments, things: Array, pairs: Sequence[tuple[Individual, PoseMeasurement]]) -> None:
         """Follow unknown things by what was seen of them."""
@@ -262,12 +233,12 @@ class ObjectTracker:
         return self._next - 1
 
     def _objects(
-        self, segments: Segments, frame: Frame, individuals: Sequence[Individual], settled: Sequence[PoseShown | None]
+        self, views: Sequence[View], individuals: Sequence[Individual], settled: Sequence[PoseShown | None]
     ) -> list[TrackedObject]:
-        """Return the library's objects that were seen at some time; `settled` those that this frame shows."""
+        """Return the objects that were seen at some time; `settled` those that this frame shows, each in its view."""
         if not individuals:
             return []
-        now = segments.time
+        now = views[0].segments.time
         filters = np.stack([one.filter for one in individuals])
         axes = np.stack([self._axis(one) for one in individuals])
         belief = object_filter.propagate(filters, now, self._settings)
@@ -276,7 +247,7 @@ class ObjectTracker:
         since = min(now - self._last, TUNING.longest) if self._last >= 0.0 else TUNING.longest
         self._last = now
         result = []
-        for k, (one, found) in enumerate(zip(individuals, settled, strict=True)):
+        for k, (one, found, view) in enumerate(zip(individuals, settled, views, strict=True)):
             one.followed = found is not None
             if status[k] == ObjectStatus.UNSEEN:
                 continue
@@ -286,7 +257,7 @@ class ObjectTracker:
             R, p = shown.R, shown.p
             model = self._model(one)
             at = Poses(R[None], p[None])
-            fit = assess(model, frame, at, self._params.model_points)
+            fit = assess(model, view.frame, at, self._params.model_points)
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
             usual = slot.alike if found is not None else 0.0
             fits = min(shape, float(fit.likeness[0]) / (BELIEF.alike * usual)) if usual > 0.0 else shape
@@ -295,7 +266,7 @@ class ObjectTracker:
             possible = each_once(shown.hypotheses, about)
             if possible:
                 one.posed = share_of_first(possible, self._symmetries(one))
-            named = one.named(slot.named, model, frame, at if found is not None else None)
+            named = one.named(slot.named, model, view.frame, at if found is not None else None)
             sure = there * named * min(one.posed, probability(slot.odds))
             life = ObjectStatus(int(status[k])).name.lower()
             if found is None and there < 0.5:
@@ -310,10 +281,15 @@ class ObjectTracker:
             result.append(TrackedObject(one.track, name, life, sure, visible, R, p, shown.spread, only, (), *how))
         return result
 
-    def _settled(self, one: Individual, measured: PoseMeasurement, segments: Segments, frame: Frame) -> PoseShown:
+    def _seen(self, one: Individual, measured: PoseMeasurement, view: View) -> View:
+        """Return a frame as it shows an object that was found: past what its surface tears of depth."""
+        R, p = rotations.matrix(measured.pose[None, :4])[0], measured.pose[4:]
+        return past_what_is_torn(self._model(one), view, R, p) if measured.quality > 0 else view
+
+    def _settled(self, one: Individual, measured: PoseMeasurement, view: View) -> PoseShown:
         """Return the likeliest pose of an object found, near where tracking found it; tracking goes on from there."""
         R, p = rotations.matrix(measured.pose[None, :4])[0], measured.pose[4:]
-        model = self._model(one)
+        model, segments, frame = self._model(one), view.segments, view.frame
         own = claimed(model, segments, R, p, TUNING.owned)
         near = claimed(model, segments, R, p, TUNING.around)
         if len(own):

@@ -15,8 +15,8 @@ from twin_diagram.logs.frames import RgbdFrame, ViewCamera
 from twin_diagram.perception.pinhole import Pinhole
 from twin_diagram.perception.registration.alternatives import PoseHypothesis
 from twin_diagram.perception.registration.rotation import to_quaternion
-from twin_diagram.runs.tracking.object_tracker import TrackedObject
 from twin_diagram.runs.tracking.table_frame import TableFrame
+from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.signals.calibration_error import CalibrationError, shared_covariances
 
 COLUMNS = "scene_id,im_id,obj_id,score,R,t,time"

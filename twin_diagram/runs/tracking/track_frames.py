@@ -28,9 +28,10 @@ from twin_diagram.perception.segmentation.learned import Segmenter, segment_with
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.runs.tracking.first_poses import FARTHEST, NEAREST, first_poses
 from twin_diagram.runs.tracking.grown_assets import GrownAssets
-from twin_diagram.runs.tracking.object_tracker import ObjectTracker, TrackedObject
+from twin_diagram.runs.tracking.object_tracker import ObjectTracker
 from twin_diagram.runs.tracking.results import OBJECTS, POSES, Results, bop_row, frame_line
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
+from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.runtime import atomic_file
 from twin_diagram.runtime.output_place import why_not
 from twin_diagram.runtime.stages import Pace
