@@ -140,7 +140,7 @@ def test_what_is_hidden_where_it_was_a_moment_ago_is_not_found_elsewhere(
     image = View(segments, Frame.of(segments), PARAMS, 60)
     slot = Slot(True, before.R, before.p, np.zeros(6), 1.0 - ago)
     free = np.ones(len(segments.labels), dtype=bool)
-    result = search_for([box], [slot], [0], image, free)
+    result = search_for([box], [slot], [0], image, free, {})
     assert (0 in result) == found
     assert not found or np.linalg.norm(result[0].p - other.p) < 0.01
 

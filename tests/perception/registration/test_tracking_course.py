@@ -226,7 +226,7 @@ def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPat
         tracking, "regain_lost", lambda library, slots, found, view, free: {1: pose(P + 0.01, shape=0.95)}
     )
 
-    def searched(library: Any, slots: Any, wanted: Any, view: View, left: Any) -> dict[int, RegisteredPose]:
+    def searched(library: Any, slots: Any, wanted: Any, view: View, left: Any, _: Any) -> dict[int, RegisteredPose]:
         calls.append(list(wanted))
         assert left is free and view.smallest in {40, 41}
         return {k: pose(P + 0.2) for k in wanted if k == 2}
@@ -313,11 +313,13 @@ def test_every_other_search_tries_what_has_fallen(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(tracking, "unexplained_by", lambda *_: np.ones(3, dtype=bool))
     image = Image(monkeypatch)
     slots = [Slot(attempts=k) for k in range(4)]
-    found = tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, np.ones(3, dtype=bool))
+    found = tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, np.ones(3, dtype=bool), {})
     assert found == {1: replace(FOUND, odds=TURNED.most, named=told[0], by_shape=False)} and list(asked[0]) == [0, 1, 3]
     assert asked[1] == {0: ["upright"], 1: ["fallen"], 3: ["fallen"]} and asked[3:] == [PARAMS, 10, {}, []]
     told[0] = Naming(-4.0, 1)
-    assert not tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, np.ones(3, dtype=bool)), "it is another"
+    assert not tracking.search_for([KNOWN] * 4, slots, [0, 1, 3], image.view, np.ones(3, dtype=bool), {}), (
+        "it is another"
+    )
 
 
 def test_a_slot_comes_back_from_its_vector() -> None:

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram import scenario
+from twin_diagram.perception.registration.asking import asked, set_apart
 from twin_diagram.perception.registration.colour_shift import ColourShift, learnt
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import judged, nearby
 from twin_diagram.perception.registration.instances import taken
 from twin_diagram.perception.registration.model_cloud import ModelCloud
-from twin_diagram.perception.registration.naming_evidence import TUNING as NAMING
-from twin_diagram.perception.registration.naming_evidence import name_believed, naming, with_name
+from twin_diagram.perception.registration.naming_evidence import name_believed, with_name
 from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
 from twin_diagram.perception.registration.shape_search import coloured_after_all, search_by_shape
@@ -96,7 +96,7 @@ def step(
     view = View(segments, frame or Frame.of(segments), params, smallest)
     every = library
     library = [known.bare if slot.by_shape else known for known, slot in zip(every, slots, strict=True)]
-    tracked = held_by_planes(library, slots, view, _asked(library, slots, follow_known(library, slots, view), view))
+    tracked = held_by_planes(library, slots, view, asked(library, slots, follow_known(library, slots, view), view))
     recognised: dict[int, RegisteredPose] = {}
     searched: list[int] = []
     if len(tracked) < len(library):
@@ -105,7 +105,7 @@ def step(
         searched = [k for k, slot in enumerate(slots) if k not in tracked and due(slot, time)]
         if int(free.sum()) < smallest:
             searched = []
-        recognised = search_for(every, slots, searched, view, free)
+        recognised = search_for(every, slots, searched, view, free, tracked)
     challenged = doubted(slots, tracked, time)
     for k in challenged[:1]:
         whose = _challenge(k, library, slots, tracked, recognised, view)
@@ -205,7 +205,12 @@ def regain_lost(
 
 
 def search_for(
-    library: Sequence[Known], slots: Sequence[Slot], wanted: Sequence[int], view: View, free: Mask
+    library: Sequence[Known],
+    slots: Sequence[Slot],
+    wanted: Sequence[int],
+    view: View,
+    free: Mask,
+    tracked: Mapping[int, RegisteredPose],
 ) -> dict[int, RegisteredPose]:
     """Search the points that nothing explains for objects of which no pose is known.
 
@@ -215,6 +220,7 @@ def search_for(
         wanted: numbers of those that are searched.
         view: the image.
         free: (N,) the segments' points that nothing explains.
+        tracked: what was followed, by its number.
 
     Returns:
         What was recognised, by the object's number.
@@ -231,8 +237,9 @@ def search_for(
         {k: aloft(slots[k], time) for k in wanted if in_the_air(slots[k], time)},
         _rivals(library, wanted),
     )
+    apart = set_apart(library, slots, tracked, view) if found else view
     convincing = {
-        k: with_name(library[k], view, one.registration)
+        k: with_name(library[k], apart, one.registration)
         for k, one in found.items()
         if _got_to(library[k], slots[k], view, one.registration)
     }
@@ -252,18 +259,6 @@ def _got_to(known: Known, slot: Slot, view: View, one: RegisteredPose) -> bool:
     """Return whether a lost object can be where a search found it, and is: it may be hidden where it was, if not."""
     reached = aloft(slot, view.segments.time).reaches(one) or taken(known.model, slot, view.segments)
     return reached and _convincing(known, slot, view, one)
-
-
-def _asked(
-    library: Sequence[Known], slots: Sequence[Slot], tracked: Mapping[int, RegisteredPose], view: View
-) -> dict[int, RegisteredPose]:
-    """Return the objects that were followed, of which the one whose name is least settled was asked for it again."""
-    open_ = [k for k, one in tracked.items() if not slots[k].named.settled and one.visible_share >= NAMING.shown]
-    if not open_:
-        return dict(tracked)
-    k = min(open_, key=lambda k: (slots[k].named.looks, slots[k].named.asked, k))
-    named = slots[k].named.after(naming(library[k], view, tracked[k]))
-    return {**tracked, k: replace(tracked[k], named=named)}
 
 
 def _rivals(library: Sequence[Known], wanted: Sequence[int]) -> list[tuple[ModelCloud, Sequence[tuple[Array, float]]]]:
