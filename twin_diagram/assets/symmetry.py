@@ -124,7 +124,7 @@ class _Cloud:
         return True
 
     def _lies(self, places: Array, ways: Array, colours: Array) -> npt.NDArray[np.bool_]:
-        """Return which places (N, 3), with normals (N, 3) and colours (N, 3), lie on the surface and are as it is there."""
+        """Return which places (N, 3), with normals (N, 3) and colours (N, 3), lie on the surface, and alike there."""
         distance, index = self._tree.query(places, k=min(TUNING.neighbours, len(self._points)), workers=1)
         normal = self._normals[index]
         off = np.abs(np.einsum("nki,nki->nk", normal, places[:, None] - self._points[index]))
