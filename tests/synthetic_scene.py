@@ -115,8 +115,8 @@ def picture(
         points = np.concatenate([corners, origin + t[new][:, None] * local[new]])
         rgb[at][new] = patches(points, thing.seed)[2:]
     shade = 0.35 + np.maximum(normal @ direction, 0.0)
-    rgb = rgb * shade[..., None]
-    squares = (rays**2).sum(-1)
+    rgb *= shade[..., None]
+    squares = rays[..., 0] ** 2 + rays[..., 1] ** 2 + rays[..., 2] ** 2
     for centre, radius in balls or []:
         rows, columns = at = region(view, centre, np.eye(3), np.full(3, radius))
         offset = view.p_WC - centre
@@ -136,5 +136,6 @@ def picture(
                 edge |= np.abs(np.roll(depth, way, axis) - depth) > 0.02
         lost = (edge & (rng.random(depth.shape) < 0.5)) | (depth == 0)
         depth = np.where(lost, 0.0, np.round(spoilt / 0.00025) * 0.00025)
-        rgb = rgb + 2.0 / 255.0 * rng.standard_normal(rgb.shape)
-    return np.round(np.clip(rgb, 0, 1) * 255).astype(np.uint8), depth.astype(np.float32), owner
+        rgb += 2.0 / 255.0 * rng.standard_normal(rgb.shape)
+    np.clip(rgb, 0.0, 1.0, out=rgb)
+    return np.round(rgb * 255, out=rgb).astype(np.uint8), depth.astype(np.float32), owner

@@ -7,6 +7,7 @@ import json
 import sys
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from twin_diagram.scenario import ArmModel, EffectSpec  # noqa: E402
 SHORT = 4.0
 
 
+@cache
 def case_of(name: str, seed: int = 7, kind: str = "single") -> cases.Case:
     return cases.make_case(kind, seed, name, SHORT)
 

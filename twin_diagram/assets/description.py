@@ -2,8 +2,11 @@
 
 # No `from __future__ import annotations` here: Drake's YAML functions read the fields' types themselves, not strings.
 
+import copy
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -105,11 +108,24 @@ def read_spec(folder: Path) -> AssetSpec:
     if not file.is_file():
         raise AssetError(f"{folder}: not an asset, it has no asset.yaml")
     try:
-        spec: AssetSpec = yaml_load_typed(schema=AssetSpec, filename=str(file))
+        spec = _spec_at(file)
     except Exception as error:  # of YAML, of types, of Unicode
         raise AssetError(f"{file}: {_odd_field(file)}{error}") from None
     if spec.version not in (None, VERSION):
         raise AssetError(f"{file}: version {spec.version} is not known here, only {VERSION}")
+    return spec
+
+
+def _spec_at(file: Path) -> AssetSpec:
+    with suppress(Exception):  # whatever it is, it is said below of the file
+        return copy.deepcopy(_spec_of(file.read_bytes()))
+    spec: AssetSpec = yaml_load_typed(schema=AssetSpec, filename=str(file))
+    return spec
+
+
+@lru_cache(maxsize=64)  # a run asks of each of its objects some ten times
+def _spec_of(content: bytes) -> AssetSpec:
+    spec: AssetSpec = yaml_load_typed(schema=AssetSpec, data=content.decode())
     return spec
 
 

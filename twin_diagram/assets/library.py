@@ -8,13 +8,13 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from twin_diagram.assets.asset import Asset
 from twin_diagram.assets.building.write_asset import NAME, own_files
 from twin_diagram.assets.description import AssetSpec, read_spec
 from twin_diagram.assets.mesh import read_obj, read_png
+from twin_diagram.assets.model_check import add_model
 from twin_diagram.errors import AssetError
 from twin_diagram.signals.arrays import Array
 
@@ -125,7 +125,7 @@ def _check_model(spec: AssetSpec, asset: Asset) -> None:
     """Refuse a model that is not one free body with the asset's mass and an inertia that can be."""
     plant = MultibodyPlant(0.0)
     try:
-        (instance,) = Parser(plant).AddModels(str(asset.model_file))
+        (instance,) = add_model(plant, asset.model_file)
         body = plant.GetBodyByName("object", instance)
         plant.Finalize()
     except (RuntimeError, ValueError) as error:

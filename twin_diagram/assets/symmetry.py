@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from twin_diagram.errors import AssetError
@@ -33,6 +34,9 @@ class Tuning:
 
     colour: float = 0.12
     """Their colours differ by no more than this (of 1), which registration takes for light and shade."""
+
+    parts: int = 16
+    """In so many parts, farthest from the axis first, points are laid on the surface: the first refuses most turns."""
 
     neighbours: int = 6
     """Points whose mean colour is compared: a cloud's points lie elsewhere when turned."""
@@ -110,6 +114,17 @@ class _Cloud:
         """Return whether the surface, turned by `share` (3,) of whole turns, lies on itself, in its colours."""
         turn = rotations.matrix(rotations.exp(2.0 * np.pi * share))
         places, ways = self._some @ turn.T, self._ways @ turn.T
+        # What is unlike itself shows it far from the axis: most turns are refused by the first part of the points.
+        order = np.argsort(-np.linalg.norm(np.cross(self._some, share), axis=1), kind="stable")
+        good = len(order)
+        for part in np.array_split(order, TUNING.parts):
+            good -= len(part) - int(self._lies(places[part], ways[part], self._own[part]).sum())
+            if good / len(order) < TUNING.share:
+                return False
+        return True
+
+    def _lies(self, places: Array, ways: Array, colours: Array) -> npt.NDArray[np.bool_]:
+        """Return which places (N, 3), with normals (N, 3) and colours (N, 3), lie on the surface, and alike there."""
         distance, index = self._tree.query(places, k=min(TUNING.neighbours, len(self._points)), workers=1)
         normal = self._normals[index]
         off = np.abs(np.einsum("nki,nki->nk", normal, places[:, None] - self._points[index]))
@@ -117,9 +132,8 @@ class _Cloud:
         there = ((off < self._slack) & (np.einsum("nki,ni->nk", normal, ways) > TUNING.facing)).any(axis=1)
         # Beside the edge of a sheet all is in its plane: there a turned card would lie on itself, whatever its outline.
         there &= distance[:, 0] < self._spacing[index[:, 0]] + self._slack
-        unlike = np.linalg.norm(self._colours[index].mean(axis=1) - self._own, axis=1) / np.sqrt(3.0)
-        good = there & (unlike < TUNING.colour)
-        return bool(good.mean() >= TUNING.share)
+        unlike = np.linalg.norm(self._colours[index].mean(axis=1) - colours, axis=1) / np.sqrt(3.0)
+        return np.asarray(there & (unlike < TUNING.colour))
 
 
 def parsed(told: Sequence[str], where: str) -> tuple[tuple[int, int], ...]:

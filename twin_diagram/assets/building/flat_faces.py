@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.assets.building.opening import fibonacci_sphere
 from twin_diagram.assets.description import TUNING as SDF
@@ -46,6 +47,9 @@ class Tuning:
     rounds: int = 10
     """Of fitting: what is the face's, then its plane."""
 
+    block: int = 256
+    """Normals that are compared with all directions at a time: their cosines, 1 MB, stay in the cache."""
+
 
 TUNING = Tuning()
 
@@ -59,9 +63,10 @@ def flat_faces(corners: Array, seed: int = 0) -> Array:
     """
     points, normals = _drawn(corners, seed)
     left, directions = np.ones(len(points), bool), fibonacci_sphere(TUNING.directions)
+    along = _along(normals, directions)
+    alike = along.sum(axis=0)
     planes: list[Array] = []
     while True:
-        alike = (normals[left] @ directions.T > np.cos(TUNING.cone)).sum(axis=0)
         if alike.max() < TUNING.least * len(points):
             return np.array(planes).reshape(-1, 4)
         n = first = directions[int(alike.argmax())]
@@ -70,7 +75,9 @@ def flat_faces(corners: Array, seed: int = 0) -> Array:
             n = normals[some].mean(axis=0) if some.any() else first
             n /= np.linalg.norm(n)
         cone = normals @ n > np.cos(TUNING.cone)
-        left &= ~(cone | (normals @ first > np.cos(TUNING.cone)))
+        gone = left & (cone | (normals @ first > np.cos(TUNING.cone)))
+        left &= ~gone
+        alike -= along[gone].sum(axis=0)
         plane = _face(points, points[cone], normals[cone], n)
         if plane is not None and all(plane[:3] @ other[:3] < np.cos(TUNING.cone) for other in planes):
             planes.append(plane)
@@ -81,6 +88,12 @@ def flattened(vertices: Array, planes: Array) -> Array:
     for plane in planes:
         vertices = vertices - np.maximum(vertices @ plane[:3] + plane[3], 0.0)[:, None] * plane[:3]
     return vertices
+
+
+def _along(normals: Array, directions: Array) -> npt.NDArray[np.bool_]:
+    """Return which normals (N, 3) look along which directions (D, 3): (N, D)."""
+    blocks = np.array_split(normals, max(1, len(normals) // TUNING.block))
+    return np.concatenate([block @ directions.T > np.cos(TUNING.cone) for block in blocks])
 
 
 def _face(points: Array, own: Array, normals: Array, n: Array) -> Array | None:

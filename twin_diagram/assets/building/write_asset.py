@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import HalfspaceIntersection, QhullError
 
@@ -28,6 +27,7 @@ from twin_diagram.assets.description import TUNING as SDF
 from twin_diagram.assets.description import VERSION, AssetSpec, ConvexFile, sdf
 from twin_diagram.assets.mesh import Image, Mesh, write_obj
 from twin_diagram.assets.mjcf import mjcf
+from twin_diagram.assets.model_check import add_model
 from twin_diagram.errors import AssetError
 from twin_diagram.runtime import atomic_file, written_files
 from twin_diagram.runtime.output_place import why_not
@@ -271,7 +271,7 @@ def _read_back(folder: Path, name: str) -> None:
     Asset.load(folder)
     plant = MultibodyPlant(0.0)
     try:
-        Parser(plant).AddModels(str(folder / "model.sdf"))
+        add_model(plant, folder / "model.sdf")
         plant.Finalize()
     except RuntimeError as error:
         raise AssetError(f"{name}: what was made of it is no model ({str(error).splitlines()[0]})") from None

@@ -191,6 +191,8 @@ def add_arm(
     spec: scenario.ArmModel | str | Path,
     packages: Mapping[str, str | Path] | None = None,
     base_dir: str | Path | None = None,
+    *,
+    looked_at: bool = True,
 ) -> Arm:
     """Parse an arm into a plant that is not finalized, and weld its base at X_WB where it is free.
 
@@ -198,20 +200,20 @@ def add_arm(
     none is named, on each revolute joint; joints that are named get the motor they lack. A revolute joint at the end
     which others beside it follow is a hand's, not the arm's. Where joints are named, all others but the gripper's and
     what follows are held where the description starts them (a second arm, wheels, a head, fingers of which none
-    follows another), and so are the knuckles of a hand that tendons pull.
+    follows another), and so are the knuckles of a hand that tendons pull. What is not `looked_at` may lack the shapes
+    that nothing touches, and is read in a third of the time.
 
     Raises:
         ModelError: unreadable description, no joint to drive, a name that is not in the model (the message lists those
             that are), or a base that is fixed by the description although X_WB is given.
     """
     spec = resolve(spec, packages, base_dir)
-    instances = _parsed(plant, spec, packages)
+    instances, parts = _parsed(plant, spec, packages, looked_at)
     every = _joints(plant, instances)
     joint_tree.refuse_loops(spec.model, every)
     # Before Finalize the plant does not list actuators by model instance.
     actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
     motors = {int(motor.joint().index()): motor for motor in actuators if motor.model_instance() in instances}
-    parts = _parts(spec, packages)
     following = unparsed.of_all(unparsed.following, parts)
     arm_joints, gripper_joints = _choose(spec, every, motors, following, unparsed.of_all(unparsed.driven, parts))
     joint_tree.refuse_alike(spec.model, plant, instances, arm_joints)
@@ -250,16 +252,17 @@ def _parts(spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None) -
 
 
 def _parsed(
-    plant: MultibodyPlant, spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None
-) -> tuple[ModelInstanceIndex, ...]:
-    """Put a description into a plant; what is wrong with it is said in one line."""
+    plant: MultibodyPlant, spec: scenario.ArmModel, packages: Mapping[str, str | Path] | None, looked_at: bool
+) -> tuple[tuple[ModelInstanceIndex, ...], tuple[Path, ...]]:
+    """Put a description into a plant and return its files, too; what is wrong with it is said in one line."""
     if Path(spec.model).suffix.lower() == ".xacro":
         raise ModelError(f"{spec.model}: a xacro is read once it is expanded: xacro {Path(spec.model).name} > arm.urdf")
     try:
-        for part in _parts(spec, packages):
+        parts = _parts(spec, packages)
+        for part in parts:
             impossible.refuse_impossible(part)
         with parser_warnings.in_one_line(Path(spec.model)):
-            instances = foreign.add_models(parser(plant, packages), Path(spec.model))
+            instances = foreign.add_models(parser(plant, packages), Path(spec.model), looked_at=looked_at)
     except SystemExit as error:  # of a condition within Drake, from which pydrake would end the program
         raise ModelError(f"{spec.model}: Drake's parser does not hold it: {_first_line(error)}") from error
     except (RuntimeError, ValueError) as error:
@@ -271,7 +274,7 @@ def _parsed(
         raise ModelError(f"{spec.model}: cannot be read: {said}{advice}") from error
     if not instances:
         raise ModelError(f"{spec.model}: holds no model")
-    return instances
+    return instances, parts
 
 
 def _first_line(error: BaseException) -> str:
@@ -349,11 +352,13 @@ def _weld_base(
     """Weld the free root link; answer the root link."""
     to_child = {int(joint.child_body().index()): joint for joint in _joints(plant, instances)}
     world = int(plant.world_body().index())
+    carriers = {child: int(joint.parent_body().index()) for child, joint in to_child.items()}
 
     def root_of(body: RigidBody) -> RigidBody:
-        while int(body.index()) in to_child and int(to_child[int(body.index())].parent_body().index()) != world:
-            body = to_child[int(body.index())].parent_body()
-        return body
+        index = int(body.index())
+        while carriers.get(index, world) != world:
+            index = carriers[index]
+        return plant.get_body(BodyIndex(index))
 
     roots = {
         int(root.index()): root

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
@@ -32,6 +33,12 @@ _MESH = {
 
 _COLLISION = re.compile(rb"<collision\b.*?</collision>", re.DOTALL)
 """Of a URDF or SDF: a shape that may be touched."""
+
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+"""Of an XML; what it holds is no element."""
+
+_VISUAL = re.compile(rb"<visual\b[^>]*(?:/>|(?<!/)>.*?</visual>)", re.DOTALL)
+"""Of a URDF: a shape that is only seen."""
 
 _MESH_FOLDER = re.compile(rb"""<compiler\b[^>]*?\b(meshdir|assetdir)\s*=\s*["']([^"']*)""")
 """Of an MJCF: which attribute, and the folder."""
@@ -84,13 +91,16 @@ _NO_MASS = b'<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-15 1e-15 1e-15"'
 """In the place of no mass at all, which Drake ends the program for [kg], [kg·m²]."""
 
 
-def add_models(reader: Parser, path: Path, *, still: bool = False) -> tuple[ModelInstanceIndex, ...]:
+def add_models(
+    reader: Parser, path: Path, *, still: bool = False, looked_at: bool = True
+) -> tuple[ModelInstanceIndex, ...]:
     """Parse the models of a description.
 
     Args:
         reader: knows the packages that were told; those found above the description are added to it.
         path: of the description.
         still: of what stands still, wherever it is put: shapes of an MJCF's world get a body, which can be put there.
+        looked_at: else a URDF's shapes that are there for eyes alone are left out: of an arm, two thirds of the time.
 
     Raises:
         ModelError: a mesh that cannot be read.
@@ -99,7 +109,7 @@ def add_models(reader: Parser, path: Path, *, still: bool = False) -> tuple[Mode
     kind = path.suffix.lower()
     if kind in named_files.DIRECTIVES and path.is_file():
         return _add_named(reader, path)
-    text = _mended(reader, path, still) or _unfiled(path)
+    text = _mended(reader, path, still, looked_at) or _unfiled(path)
     if text is None:
         return tuple(reader.AddModels(path))
     try:
@@ -140,7 +150,7 @@ def _add_named(reader: Parser, path: Path) -> tuple[ModelInstanceIndex, ...]:
             raise RuntimeError(said) from error
 
 
-def _mended(reader: Parser, path: Path, still: bool = False) -> str | None:
+def _mended(reader: Parser, path: Path, still: bool = False, looked_at: bool = True) -> str | None:
     """Return a description's text as Drake reads it, its files named by absolute paths; None: it does as it is."""
     kind = path.suffix.lower()
     if kind not in _KINDS or not path.is_file():
@@ -154,7 +164,7 @@ def _mended(reader: Parser, path: Path, still: bool = False) -> str | None:
     if kind == ".xml":
         text = _mjcf(text, path, still)
     elif kind == ".urdf":
-        text = _urdf(text)
+        text = _urdf(text if looked_at or not has_geometry else _untold(text))
     elif kind == ".sdf":
         text = _sdf(text)
     if has_geometry or kind == ".xml":
@@ -261,6 +271,14 @@ def _is_nothing(shape: bytes) -> bool:
     )
 
 
+def _untold(text: bytes) -> bytes:
+    """Return a URDF without comments and without shapes that nothing touches; lines keep their numbers."""
+    for left_out in (_COMMENT, _VISUAL):
+        text = left_out.sub(lambda match: b"\n" * match[0].count(b"\n"), text)
+    return text
+
+
+@lru_cache(maxsize=16)  # an arm is parsed seven times as a loop is built
 def _urdf(text: bytes) -> bytes:
     """Return a URDF with a name and no shape without volume.
 

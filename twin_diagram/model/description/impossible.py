@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -47,10 +48,23 @@ def refuse_impossible(path: Path) -> None:
     Raises:
         ModelError: names the link or the joint, and the value.
     """
-    reads = {".urdf": _urdf, ".sdf": _sdf, ".xml": _mjcf}.get(path.suffix.lower())
-    if reads is None or not path.is_file():
+    if path.suffix.lower() not in (".urdf", ".sdf", ".xml") or not path.is_file():
         return
     root = unparsed.tree(path)
+    if path.suffix.lower() == ".xml":  # a tree of its own each time, see `unparsed`
+        _refuse(path, root)
+    else:
+        _refuse_once(path, root)
+
+
+@lru_cache(maxsize=16)  # an arm is parsed seven times as a loop is built; what is refused is not kept
+def _refuse_once(path: Path, root: Element) -> None:
+    _refuse(path, root)
+
+
+def _refuse(path: Path, root: Element) -> None:
+    """Refuse what is impossible in a file whose root is given."""
+    reads = {".urdf": _urdf, ".sdf": _sdf, ".xml": _mjcf}[path.suffix.lower()]
     _refuse_commas(path, root)
     _refuse_unread(path, root)
     _refuse_unbalanced(path, root)

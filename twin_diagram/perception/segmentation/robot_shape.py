@@ -80,7 +80,7 @@ class RobotShape:
         scene_graph = SceneGraph()
         plant = MultibodyPlant(time_step=0.0)
         plant.RegisterAsSourceForSceneGraph(scene_graph)
-        placed = add_arm(plant, arm, packages, base_dir)
+        placed = add_arm(plant, arm, packages, base_dir, looked_at=False)
         plant.Finalize()
         self._plant = plant
         self._scratch = plant.CreateDefaultContext()

@@ -115,7 +115,7 @@ class DrakeDistances:
         """
         builder = DiagramBuilder()
         self._plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        self._arm: Final = description.add_arm(self._plant, spec, packages)
+        self._arm: Final = description.add_arm(self._plant, spec, packages, looked_at=False)
         welded = [add_fixture(self._plant, fixture, packages) for fixture in fixtures]
         self._plant.Finalize()
         self._source = self._scene_graph.RegisterSource("around")

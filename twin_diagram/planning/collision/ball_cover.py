@@ -90,7 +90,7 @@ def arm_plant(
     """
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    arm = description.add_arm(plant, spec, packages)
+    arm = description.add_arm(plant, spec, packages, looked_at=False)
     plant.Finalize()
     return plant, scene_graph, arm, builder.Build()
 

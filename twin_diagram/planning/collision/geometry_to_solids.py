@@ -92,7 +92,7 @@ def given_solids(
     """
     plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    spec = add_arm(plant, arm, packages).spec
+    spec = add_arm(plant, arm, packages, looked_at=False).spec
     plant.Finalize()
     own = world_solids(plant, scene_graph)
     return [*fixture_solids(fixtures, packages), *([(Path(spec.model).stem, own)] if own else [])]

@@ -90,9 +90,11 @@ class KnownFaces:
             with np.errstate(divide="ignore", invalid="ignore"):
                 far = float((self.middle[k] - eye) @ self.normal[k]) / towards
             there = (towards < -1e-9) & (far > 0.0) & (far < nearest)
-            at = eye + np.where(there, far, 0.0)[:, None] * rays - self.middle[k]
-            there &= (np.abs(at @ self.along[k].T) <= self.half[k]).all(axis=1)
-            which[there], nearest[there] = k, far[there]
+            some = np.flatnonzero(there)
+            at = eye + far[some, None] * rays[some] - self.middle[k]
+            inside = np.abs(at @ self.along[k].T) <= self.half[k]
+            some = some[inside[:, 0] & inside[:, 1]]
+            which[some], nearest[some] = k, far[some]
         return which, nearest
 
 

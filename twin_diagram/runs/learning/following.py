@@ -259,6 +259,7 @@ def register(
     X: Array,
     prior: tuple[float, float],
     reach: float,
+    tree: cKDTree | None = None,
 ) -> tuple[Array, float]:
     """Return the pose (4, 4) that brings points onto a cloud, and the share of them that lie on it.
 
@@ -272,8 +273,9 @@ def register(
         X: (4, 4) first guess, the middle of the prior.
         prior: its standard deviations [m], [rad].
         reach: farther apart, a point is not explained [m].
+        tree: of the cloud; None: it is made.
     """
-    tree = cKDTree(cloud)
+    tree = cKDTree(cloud) if tree is None else tree
     about = points.mean(axis=0)
     weights = np.concatenate([np.full(3, 1.0 / prior[1] ** 2), np.full(3, 1.0 / prior[0] ** 2)])
     total, now = np.zeros(6), X.copy()

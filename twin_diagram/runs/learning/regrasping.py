@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from twin_diagram.planning.grasps import Grasps, Gripper, Wanted, given_poses, propose, rank, target_of
 from twin_diagram.runs.learning.bin_view import SeenThing
@@ -100,7 +101,7 @@ def fallen_pose(seen: Followed, points: Array, normals: Array, X_WS: Array, supp
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     few = slice(None, TUNING.few)
-    best, best_share = np.asarray(np.linalg.inv(X_WS)), 0.0
+    best, best_share, tree = np.asarray(np.linalg.inv(X_WS)), 0.0, cKDTree(seen.points)
     for side in hull_sides(seen.points):
         R_side = downwards(X_WS[:3, :3], side)
         for yaw in np.arange(TUNING.yaws) * (2.0 * np.pi / TUNING.yaws):
@@ -108,11 +109,11 @@ def fallen_pose(seen: Followed, points: Array, normals: Array, X_WS: Array, supp
             start = np.asarray(np.linalg.inv(X), dtype=float)
             for reach in TUNING.fallen_reach:
                 start, share = register(
-                    seen.points, seen.normals, points[few], normals[few], start, TUNING.fallen, reach
+                    seen.points, seen.normals, points[few], normals[few], start, TUNING.fallen, reach, tree
                 )
             if share > best_share:
                 best, best_share = start, share
-    return register(seen.points, seen.normals, points, normals, best, TUNING.moved, TUNING.reach)
+    return register(seen.points, seen.normals, points, normals, best, TUNING.moved, TUNING.reach, tree)
 
 
 def other_grasps(

@@ -9,6 +9,7 @@ from itertools import permutations, product
 from zipfile import BadZipFile
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from twin_diagram.assets.building.backends import ColouredSurface
 from twin_diagram.errors import TwinError
@@ -67,13 +68,13 @@ def same_shape(first: ColouredSurface, second: ColouredSurface) -> bool:
     """Return whether two surfaces are one thing's, seen from other sides."""
     (a, a_normals), (b, b_normals) = sampled(first.corners, 0), sampled(second.corners, 1)
     tried, told = (slice(None, count) for count in TUNING.few)
-    best, best_share = np.eye(4), 0.0
+    best, best_share, tree = np.eye(4), 0.0, cKDTree(a)
     for start in ways_round(a, b):
         share, X = 0.0, start
         for reach in TUNING.reach:
-            X, share = register(a, a_normals, b[tried], b_normals[tried], X, TUNING.loose, reach)
+            X, share = register(a, a_normals, b[tried], b_normals[tried], X, TUNING.loose, reach, tree)
         best, best_share = (X, share) if share > best_share else (best, best_share)
-    X, onto = register(a, a_normals, b[told], b_normals[told], best, TUNING.loose, TUNING.reach[1])
+    X, onto = register(a, a_normals, b[told], b_normals[told], best, TUNING.loose, TUNING.reach[1], tree)
     X = np.asarray(np.linalg.inv(X), dtype=float)
     _, back = register(b, b_normals, a[told], a_normals[told], X, TUNING.loose, TUNING.reach[1])
     return min(onto, back) >= TUNING.same

@@ -54,6 +54,21 @@ class Tuning:
 TUNING = Tuning()
 
 
+_KINDS: dict[str, type[Box] | type[Cylinder] | type[Sphere] | type[Capsule]] = {
+    kind.__name__: kind for kind in (Box, Cylinder, Sphere, Capsule)
+}
+"""Plain shapes, by name."""
+
+
+def _sizes(shape: Shape) -> tuple[float, ...] | None:
+    """Return what a plain shape is made with [m]; None where it is no such shape."""
+    if isinstance(shape, Box):
+        return tuple(map(float, shape.size()))
+    if isinstance(shape, (Cylinder, Capsule)):
+        return float(shape.radius()), float(shape.length())
+    return (float(shape.radius()),) if isinstance(shape, Sphere) else None
+
+
 def tessellate(shape: Shape) -> trimesh.Trimesh | None:
     """Return the triangles of a plain shape in its own frame; None where it is no such shape."""
     if isinstance(shape, Box):
@@ -67,6 +82,22 @@ def tessellate(shape: Shape) -> trimesh.Trimesh | None:
         capsule.apply_translation(-capsule.bounds.mean(axis=0))  # the middle, whichever end trimesh starts at
         return capsule
     return None
+
+
+Part = tuple[str, tuple[float, ...], bytes, tuple[float, ...]]
+"""A plain shape of a body, so that it can be compared: its kind and sizes [m], its pose as bytes, its colour."""
+
+
+@lru_cache(maxsize=64)
+def merged_mesh(parts: tuple[Part, ...]) -> Mesh:
+    """Return the mesh of a body's shapes. Kept: each camera, and each station of a process, shows the same arm."""
+    found: list[trimesh.Trimesh] = []
+    for kind, sizes, pose, _ in parts:
+        part = tessellate(_KINDS[kind](*sizes))
+        assert part is not None
+        part.apply_transform(np.frombuffer(pose).reshape(4, 4))
+        found.append(part)
+    return Mesh(wavefront(found, [colour for *_, colour in parts]))
 
 
 def wavefront(parts: Sequence[trimesh.Trimesh], colours: Sequence[Sequence[float] | Array]) -> InMemoryMesh:
@@ -140,26 +171,25 @@ def merge_shapes(scene_graph: SceneGraph, source: SourceId) -> None:
     inspector = scene_graph.model_inspector()
     for frame in [*inspector.FramesForSource(source), inspector.world_frame_id()]:
         chosen: list[GeometryId] = []
-        parts: list[trimesh.Trimesh] = []
-        colours: list[Array] = []
+        parts: list[Part] = []
         label = RenderLabel.kDontCare
         for geometry in inspector.GetGeometries(frame, Role.kPerception):
             properties = inspector.GetPerceptionProperties(geometry)
             colour = plain_colour(properties)
-            part = tessellate(inspector.GetShape(geometry)) if colour is not None else None
-            if part is None or colour is None or not inspector.BelongsToSource(geometry, source):
+            shape = inspector.GetShape(geometry)
+            sizes = _sizes(shape)
+            if sizes is None or colour is None or not inspector.BelongsToSource(geometry, source):
                 continue
-            part.apply_transform(inspector.GetPoseInFrame(geometry).GetAsMatrix4())
+            pose = np.ascontiguousarray(inspector.GetPoseInFrame(geometry).GetAsMatrix4()).tobytes()
             if not chosen:
                 label = inspector.GetPerceptionProperties(geometry).GetPropertyOrDefault("label", "id", label)
             chosen.append(geometry)
-            parts.append(part)
-            colours.append(colour)
+            parts.append((type(shape).__name__, sizes, pose, tuple(colour.tolist())))
         if len(chosen) < 2:
             continue
         for geometry in chosen:
             scene_graph.RemoveRole(source, geometry, Role.kPerception)
-        mesh = Mesh(wavefront(parts, colours))
+        mesh = merged_mesh(tuple(parts))
         name = f"merged_{frame.get_value()}"
         merged = scene_graph.RegisterGeometry(source, frame, GeometryInstance(RigidTransform(), mesh, name))
         properties = PerceptionProperties()
