@@ -12,7 +12,6 @@ import sys
 import tarfile
 import zipfile
 from collections.abc import Iterator
-from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -141,8 +140,7 @@ SYSTEMS = {"station", "perception", "estimation", "scene", "planning", "gap"}
 """These meet in `twin` alone: none imports another."""
 
 
-@functools.cache
-@cache  # several tests ask it of each module
+@functools.cache  # several tests ask it of each module
 def all_imports(path: Path) -> list[tuple[str, tuple[str, ...], bool]]:
     """Each module that a file imports, the names taken from it, and whether it is for type checking alone."""
     found = []
