@@ -2,6 +2,7 @@
 
     python sims/benchmarks/real_rows.py                          # all rows; figures also in OUT/rows.jsonl
     python sims/benchmarks/real_rows.py --only lwr4-cut panda-cut
+    python sims/benchmarks/real_rows.py --short --sided          # fits of five to eight seconds
     python sims/benchmarks/real_rows.py --references             # without running `gap`
 
 Per row and joint: held-out residual torque, RMS N·m in the contract's band (on the motor's side for the KR300), of the
@@ -28,7 +29,9 @@ from real_references import rows, table  # noqa: E402
 def main(arguments: list[str] | None = None) -> int:
     """The command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--only", nargs="+", choices=[row.name for row in rows.ROWS], help="these rows alone")
+    every = [row.name for row in (*rows.ROWS, *rows.SHORT_ROWS)]
+    parser.add_argument("--only", nargs="+", choices=every, help="these rows alone")
+    parser.add_argument("--short", action="store_true", help="fits of a few seconds instead")
     parser.add_argument("--references", action="store_true", help="leave `gap` out")
     parser.add_argument(
         "--sided", action="store_true", help="tell `gap` the side that each row's torque is measured on"
@@ -40,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     given.out.mkdir(parents=True, exist_ok=True)
     with (given.out / "rows.jsonl").open("a", encoding="utf-8") as file:
-        for row in rows.chosen(given.only):
+        for row in rows.chosen(given.only, given.short):
             found = table.references(row, given.out / row.name)
             gap = None if given.references else table.run_gap(row, given.out / row.name, given.sided)
             print(table.text(row, found, gap), flush=True)

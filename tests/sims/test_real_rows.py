@@ -64,6 +64,11 @@ def test_logs_are_cut_by_time_since_their_begin(tmp_path: Path) -> None:
     assert rows.cut(log, rows.WHOLE, tmp_path / "other.csv") == log
 
 
+def test_short_rows_are_run_where_they_are_asked_for() -> None:
+    assert list(rows.chosen(None)) == list(rows.ROWS) and list(rows.chosen(None, short=True)) == list(rows.SHORT_ROWS)
+    assert [row.name for row in rows.chosen(["lwr4", "lwr4-1-8"])] == ["lwr4", "lwr4-1-8"]
+
+
 def test_the_table_says_ratios() -> None:
     found = {"description": np.array([2.0, 4.0]), "physical": np.array([1.0, 1.0])}
     gap = {

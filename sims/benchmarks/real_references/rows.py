@@ -57,6 +57,26 @@ ROWS = (
 """Seconds of the cut rows count from the logs' first samples."""
 
 
+def _short(name: str, logs: tuple[str, str], spans: tuple[Span, Span]) -> Row:
+    """A row of a few seconds of a log behind the gears."""
+    model = f"{LWR}/lwr4.urdf" if name.startswith("lwr4") else f"{PANDA}/panda.urdf"
+    return Row(name, model, *logs, *spans, "link")
+
+
+SHORT_ROWS = (
+    _short("lwr4-1-8", LWR_RUNS, ((1.0, 8.0), (9.0, np.inf))),
+    _short("lwr4-8-16", LWR_RUNS[::-1], ((8.0, 16.0), (17.0, np.inf))),
+    _short("lwr4-5-11", LWR_RUNS[::-1], ((5.0, 11.0), (12.0, np.inf))),
+    _short("lwr4-14-19", LWR_RUNS, ((14.0, 19.0), (1.0, 12.0))),
+    _short("panda-7-12", PANDA_RUNS, ((7.0, 12.0), (0.0, 3.5))),
+    _short("panda-1-6", (PANDA_RUNS[0], PANDA_RUNS[0]), ((1.0, 6.0), (7.5, np.inf))),
+    _short("panda-9-13.9", PANDA_RUNS, ((9.0, 13.9), (0.0, np.inf))),
+    Row("kr300-0-5", ROWS[0].model, *KR300_RUNS, (0.0, 5.0), scale=KR300_GEARS, told=False),
+    Row("kr300-4-9", ROWS[0].model, *KR300_RUNS, (4.0, 9.0), scale=KR300_GEARS, told=False),
+)
+"""Fits of a few seconds, held out on other motion. From 5 to 11 s two joints of the LWR4+ never turn."""
+
+
 def data_folder() -> Path:
     """The folder of the measured logs: `$TWIN_DIAGRAM_DATA`, or `../shared/data` beside the checkout."""
     given = os.environ.get("TWIN_DIAGRAM_DATA")
@@ -77,6 +97,9 @@ def cut(path: Path, span: Span, out: Path) -> Path:
     return out
 
 
-def chosen(names: list[str] | None) -> Iterator[Row]:
-    """The rows of these names; all where none is given."""
-    yield from (row for row in ROWS if not names or row.name in names)
+def chosen(names: list[str] | None, short: bool = False) -> Iterator[Row]:
+    """The rows of these names; all long ones, or short ones, where none is given."""
+    if names:
+        yield from (row for row in (*ROWS, *SHORT_ROWS) if row.name in names)
+    else:
+        yield from SHORT_ROWS if short else ROWS

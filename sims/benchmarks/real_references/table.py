@@ -122,4 +122,4 @@ def _numbers(values: Array) -> str:
 
 def _span(span: tuple[float, float]) -> str:
     low, high = span
-    return "".join([f"from {low:g} s" if np.isfinite(low) else "", f"to {high:g} s" if np.isfinite(high) else ""])
+    return " ".join([f"from {low:g} s" if np.isfinite(low) else "", f"to {high:g} s" if np.isfinite(high) else ""])

@@ -20,6 +20,8 @@ from twin_diagram.gap.whole_robot.beside_dry import (
     damped,
     largest_share,
     own_part,
+    rubbing,
+    told_beside,
     told_beside_dry,
 )
 from twin_diagram.gap.whole_robot.concluding import sure_ones
@@ -29,7 +31,7 @@ from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import terms_of
 
-DAMPED, LEVEL, NOISE = 1.0, 6.0, 18.0
+DAMPED, LEVEL, NOISE, RATTLE = 1.0, 6.0, 18.0, 90.0
 
 
 @cache
@@ -138,3 +140,63 @@ def test_without_dry_friction_it_must_be_known_to_a_third() -> None:
     firm = replace(rubs["coulomb_friction"], parameters={"torque": {"a": Estimate(1.0, 0.1, "")}})
     assert told_beside_dry([rubs["viscous_friction"], firm], 1.0) == {("viscous_friction", "a")}
     assert told_beside_dry([rubs["reflected_inertia"], firm], 1.0) == {("reflected_inertia", "a")}
+
+
+def unrubbed(*frictions: float) -> tuple[RobotProblem, np.ndarray]:
+    """An arm with dry friction, told of it on all joints that have some but the noisy wrist."""
+    dry = effect("coulomb_friction", joints=list(ARM.joints), torque=list(frictions))
+    records = noisy(ARM, ARM.with_effects([dry]))
+    (made,) = records.records
+    torque = made.torque.copy()
+    torque[:, WRIST] += RATTLE * np.random.default_rng(5).normal(size=len(torque))
+    problem, z = settled(begun(records, equations(replace(records, records=(replace(made, torque=torque),)))))
+    own = np.zeros_like(problem.own_free)
+    own[:, DRY] = (np.array(frictions) > 0.0) & (np.arange(6) != WRIST)
+    return settled(replace(problem, own_free=own), z)
+
+
+def test_dry_friction_that_is_known_to_a_half_stands_beside_that_of_most_joints() -> None:
+    """Of 7 s of an LWR4+ it earned its place on three joints of seven: others were three times as far off."""
+    problem, z = unrubbed(*[LEVEL] * 6)
+    more = rubbing(problem, z)
+    assert more.own_free[WRIST, DRY] and np.sum(more.own_free != problem.own_free) == 1
+    fit = solve(more, None, z)
+    value = own_part(more, fit)[WRIST, DRY]
+    error = np.sqrt(own_part(more, np.diag(covariance(more, fit)))[WRIST, DRY])
+    assert value == pytest.approx(LEVEL, abs=2.0 * error) and error > value / 3.0
+    assert more.rubs == pytest.approx(LEVEL, rel=0.05)
+    assert sure_ones(more)[0].own_free[WRIST, DRY] and not sure_ones(replace(more, rubs=0.0))[0].own_free[WRIST, DRY]
+
+
+def test_dry_friction_on_few_joints_is_what_is_wrong_with_them() -> None:
+    problem, z = unrubbed(LEVEL, LEVEL, 0.0, 0.0, 0.0, LEVEL)
+    assert rubbing(problem, z) is problem
+    problem, z = unrubbed(*[LEVEL] * 6)
+    assert rubbing(replace(problem, known=True), z).rubs == 0.0, "links and joints are as they were found"
+
+
+def test_a_joint_that_has_none_among_others_that_have_gets_none() -> None:
+    problem, z = unrubbed(*[LEVEL] * 5, 0.0)
+    assert not rubbing(problem, z).own_free[WRIST, DRY]
+
+
+def test_friction_that_motion_tells_nothing_of_is_drawn_to_that_of_others_and_told_so() -> None:
+    problem, z = unrubbed(*[LEVEL] * 6)
+    problem = replace(problem, own_free=np.tile(np.arange(4) == DRY, (6, 1)), rubs=LEVEL)
+    deaf = replace(problem, variance=np.where(np.arange(6) == WRIST, 1e12, problem.variance))
+    fit = solve(deaf, None, z)
+    assert own_part(deaf, fit)[WRIST, DRY] == pytest.approx(LEVEL, rel=0.01)
+    assert np.sqrt(own_part(deaf, np.diag(covariance(deaf, fit)))[WRIST, DRY]) >= 0.99 * LEVEL
+    assert np.all(own_part(deaf, fit)[:WRIST, DRY] == pytest.approx(LEVEL, rel=0.05))
+
+
+def test_dry_friction_need_not_be_known_to_a_third_where_drives_are_alike() -> None:
+    problem, _ = unrubbed(*[LEVEL] * 6)
+    joint = ARM.joints[WRIST]
+    rough = [Finding("coulomb_friction", (joint,), (), {"torque": {joint: Estimate(1.0, 0.5, "")}}, 1.0)]
+    assert told_beside(rough, 1.0, problem) == set()
+    alike = replace(problem, rubs=LEVEL)
+    assert told_beside(rough, 1.0, alike) == {("coulomb_friction", joint)}
+    assert largest_share(alike, 0.3)[WRIST, DRY] == pytest.approx(np.sqrt(0.5))
+    vague = [replace(rough[0], parameters={"torque": {joint: Estimate(1.0, 0.8, "")}})]
+    assert told_beside(vague, 1.0, alike) == set()

@@ -10,7 +10,8 @@ from tests.gap.made import ARM, ELBOW
 from tests.gap.whole_robot.test_unusual import problem
 from twin_diagram.gap.candidates.given_link import link_inertia
 from twin_diagram.gap.whole_robot.bounded_step import bounded, solved
-from twin_diagram.gap.whole_robot.physical_fit import independent, solve
+from twin_diagram.gap.whole_robot.independent_samples import independent
+from twin_diagram.gap.whole_robot.physical_fit import solve
 from twin_diagram.gap.whole_robot.physical_links import Links, parameters, slopes
 from twin_diagram.model.effects.link_inertia import about_origin
 

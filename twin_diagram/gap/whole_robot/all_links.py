@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.gap.whole_robot.beside_dry import told_beside_dry
+from twin_diagram.gap.whole_robot.beside_dry import told_beside
 from twin_diagram.gap.whole_robot.concluding import TUNING as CONCLUDING
 from twin_diagram.gap.whole_robot.concluding import WholeRobot, last_of, lost_names, said_of
 from twin_diagram.gap.whole_robot.estimates import covariance
@@ -66,7 +66,7 @@ def with_all_links(found: WholeRobot) -> WholeRobot:
 
 def unsure(found: WholeRobot) -> set[tuple[str, str]]:
     """Return names, with the joint of each or an empty one, that are known no better than to a third."""
-    return lost_names(found.findings) - told_beside_dry(found.findings, CONCLUDING.rough)
+    return lost_names(found.findings) - told_beside(found.findings, CONCLUDING.rough, found.problem)
 
 
 def links_of(found: WholeRobot) -> set[str]:

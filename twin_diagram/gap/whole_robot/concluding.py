@@ -15,15 +15,17 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.stiction import slides
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.believable import without_doubtful
-from twin_diagram.gap.whole_robot.beside_dry import damped, largest_share, told_beside_dry
+from twin_diagram.gap.whole_robot.beside_dry import TUNING as BESIDE_DRY
+from twin_diagram.gap.whole_robot.beside_dry import damped, largest_share, rubbing, told_beside
 from twin_diagram.gap.whole_robot.beside_the_usual import offset_evidence
 from twin_diagram.gap.whole_robot.bounded_step import Chosen
+from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.gap.whole_robot.unusual import room_for
-from twin_diagram.gap.whole_robot.well_told import well_told
-from twin_diagram.model.effects.actuation import TorqueBias
+from twin_diagram.gap.whole_robot.well_told import share_of, well_told
+from twin_diagram.model.effects.actuation import TorqueBias, TorqueConstant
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
@@ -107,28 +109,31 @@ def concluded(problem: RobotProblem) -> WholeRobot | None:
     kept = earning(problem, LeftOut.of(problem, z))
     if np.any(free_units(kept) != free_units(problem)):
         problem, z, spread = sure_ones(kept)
-    more = damped(problem, z)
-    if more is not problem:
-        problem, z, spread = sure_ones(more)
+    for beside in (rubbing, damped):
+        more = beside(problem, z)
+        if more is not problem:
+            problem, z, spread = sure_ones(more)
     return said_of(problem, z, spread)
 
 
 def well_known(found: WholeRobot) -> WholeRobot | None:
     """Return what was found without names that honest errors leave unsure; None where nothing is left.
 
-    That comes last: what is unsure as long as something else has no name may be sure beside it. Offsets trade with
-    what gravity makes of links, which no motion parts; they stay where left-out motion misses them, and evidence
-    beside links and gains that may be off does not speak against them.
+    That comes last: what is unsure as long as something else has no name may be sure beside it. In a short log names
+    trade with one another: what is not known to a third, but better than nothing at all would be, stays where left-out
+    motion misses what is lost, no surer than its own error says. Offsets trade with what gravity makes of links, which
+    no motion parts; they stay where evidence beside links and gains that may be off does not speak against them.
     """
     kept: set[tuple[str, str]] = set()
     for _ in range(TUNING.unsure):
-        lost = lost_names(found.findings) - kept - told_beside_dry(found.findings, TUNING.rough)
+        lost = lost_names(found.findings) - kept - told_beside(found.findings, TUNING.rough, found.problem)
         if not lost:
             break
         fewer = said_of(*sure_ones(without_names(found.problem, found.coordinates, lost)))
-        offsets = likely_offsets(found, lost)
-        if offsets and (fewer is None or missed_by(found, fewer) > TUNING.matters * len(lost)):
-            kept |= offsets
+        offsets, rest = likely_offsets(found, lost), told_enough(found.findings, lost)
+        if (offsets or rest) and (fewer is None or missed_by(found, fewer) > TUNING.matters * len(lost)):
+            kept |= offsets | rest
+            found = replace(found, findings=no_surer(found.findings, rest))
             continue
         if fewer is None:
             return None
@@ -152,6 +157,33 @@ def likely_offsets(found: WholeRobot, lost: set[tuple[str, str]]) -> set[tuple[s
     return {one for one in offsets if brought[one[1]] >= TUNING.likely}
 
 
+def told_enough(findings: Sequence[Finding], lost: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Return which of the lost names, each with its joint or an empty one, are nearer the truth than nothing would be.
+
+    What is usual has rules of its own: offsets, see `likely_offsets`, and what stands beside dry friction. A gain that
+    is near one, as they are, trades with all links' masses.
+    """
+    usual = {TorqueConstant.name, *(name for name, _ in estimates.NAMES.values())}
+    beyond = {one.name: one for one in findings if one.name not in usual}
+    most = TUNING.rough * BESIDE_DRY.most
+    return {(name, joint) for name, joint in lost if name in beyond and share_of(beyond[name], joint) <= most}
+
+
+def no_surer(findings: Sequence[Finding], kept: set[tuple[str, str]]) -> tuple[Finding, ...]:
+    """Return findings of which those kept are no surer than that their size is not none, by their errors.
+
+    Args:
+        findings: any.
+        kept: names, each with its joint or an empty one.
+    """
+    result = []
+    for one in findings:
+        t = np.array([1.0 / share_of(one, joint) for name, joint in kept if name == one.name])
+        nats = 0.5 * (t**2 - 1.0) - np.log(t)  # see `offset_evidence`
+        result.append(replace(one, confidence=float(np.min(1.0 / (1.0 + np.exp(-nats)), initial=one.confidence))))
+    return tuple(result)
+
+
 def missed_by(found: WholeRobot, fewer: WholeRobot) -> float:
     """Return by how much likelier left-out motion is with all that was found than with less of it [nats]."""
     return float(np.sum(likelihood(found.problem, found.left) - likelihood(found.problem, fewer.left)))
@@ -172,7 +204,7 @@ def said_of(problem: RobotProblem, z: Array, spread: Array) -> WholeRobot | None
     wide, least = (estimates.beside_all(x, every, z) for x in (estimates.widened(spread, left_out.fits), spread))
     own = [float(brought[k][(k - problem.n) // len(OWN)]) if k in brought else 0.0 for k in own_units(problem)]
     spread = estimates.by_evidence(wide, least, z - problem.mean, np.reshape(own, (problem.n, len(OWN))))
-    sure = confidences(problem, {**brought, **of_offsets(problem, z, brought)})
+    sure = confidences(problem, {**brought, **of_offsets(problem, z, brought), **of_drives(problem, brought)})
     found = estimates.findings(problem, z, spread, given, sure)
     fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
     model = corrected(given, found, [record.mark for record in problem.sums.records.records])
@@ -308,6 +340,18 @@ def of_offsets(problem: RobotProblem, z: Array, brought: dict[int, Array]) -> di
     most = offset_evidence(problem, z) if len(free) else np.zeros(problem.n)
     units = {int(j): problem.n + len(OWN) * int(j) + k for j in free}
     return {unit: np.minimum(brought[unit], most[j]) for j, unit in units.items() if unit in brought}
+
+
+def of_drives(problem: RobotProblem, brought: dict[int, Array]) -> dict[int, Array]:
+    """Return what free dry friction brings (n,) [nats], see `what_each_brings`, where an arm's drives have it alike.
+
+    Where all k joints that show it have it, odds that another one does are k + 1 to one (Laplace's rule of succession).
+    """
+    k = OWN.index("coulomb")
+    drives = [problem.n + len(OWN) * j + k for j in range(problem.n)] if problem.rubs else []
+    there = {(unit - problem.n) // len(OWN): brought[unit] for unit in drives if unit in brought}
+    shown = sum(bool(lost[j] >= LEFT_OUT.own) for j, lost in there.items())
+    return {problem.n + len(OWN) * j + k: np.maximum(lost, np.log(1.0 + shown)) for j, lost in there.items()}
 
 
 def confidences(problem: RobotProblem, brought: dict[int, Array]) -> dict[str, float]:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.gap.whole_robot.bounded_step import Chosen, bounded
+from twin_diagram.gap.whole_robot.independent_samples import independent
 from twin_diagram.gap.whole_robot.physical_links import Links, by_coordinates, parameters, slopes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.signals.arrays import Array
@@ -78,6 +79,8 @@ class RobotProblem:
         known: whether they were found before: they are then rather as they were.
         rotors: share of itself by which a rotor that the description states may be off, one standard deviation.
         held: (Z,) coordinates at which what acts for a while is held; None: it is fitted like all else.
+        rubs: dry friction that an arm's drives have, one like another, to within itself, see `beside_dry`; 0: nothing
+            is known of it.
 
     Coordinates are Z = 14 n + E numbers: links' ten each, joints' own four each, the sums' further coefficients.
     """
@@ -96,6 +99,7 @@ class RobotProblem:
     known: bool = False
     rotors: float = np.inf
     held: Array | None = None
+    rubs: float = 0.0
 
     @property
     def n(self) -> int:
@@ -113,6 +117,20 @@ class RobotProblem:
         own = np.where(self.gone, self.least, 0.0)
         further = np.zeros(len(self._still)) if self.held is None else self.held[14 * self.n :] * self._still
         return np.concatenate([self.links.mean.ravel(), own.ravel(), further])
+
+    @cached_property
+    def drawn_to(self) -> Array:
+        """(Z,) of the prior: the description, but for dry friction that drives have."""
+        result, dry = self.mean.copy(), 10 * self.n + OWN.index("coulomb")
+        place = slice(dry, 14 * self.n, len(OWN))
+        result[place] = np.where(self._rubbing, self.rubs, result[place])
+        return result
+
+    @property
+    def _rubbing(self) -> Chosen:
+        """(n,) on which joints dry friction is drawn to that of others: where none is stated, nor was found before."""
+        own, fresh = OWN.index("coulomb"), self.rubs > 0.0 and self.told is None
+        return np.asarray(self.own_free[:, own] & ~self.stated[:, own] & fresh)
 
     @cached_property
     def _still(self) -> Chosen:
@@ -151,6 +169,8 @@ class RobotProblem:
         elif np.isfinite(self.rotors):
             stated = np.where(self.stated[:, rotor], -self.rotors * self.least[:, rotor], np.inf)
             own[:, rotor] = np.minimum(own[:, rotor], stated)
+        dry = OWN.index("coulomb")
+        own[:, dry] = np.where(self._rubbing, np.minimum(own[:, dry], self.rubs), own[:, dry])
         return np.maximum(own, 1e-9)
 
     @cached_property
@@ -237,7 +257,7 @@ class RobotProblem:
 
     def cost(self, z: Array, total: Array) -> float:
         """Return half the squares over their variance, the prior's counted, of sums (n, K + 1, K + 1)."""
-        moved, off = self.moved(z), z - self.mean
+        moved, off = self.moved(z), z - self.drawn_to
         return 0.5 * float(moved @ self.form(total) @ moved + off @ self.precision @ off)
 
     def pulls(self, z: Array) -> Array:
@@ -262,7 +282,7 @@ class RobotProblem:
         blocks = slopes(z[: 10 * self.n].reshape(-1, 10))
         gradient = -by_coordinates(form[:-1] @ self.moved(z), blocks)
         H = by_coordinates(by_coordinates(form[:-1, :-1], blocks).T, blocks)
-        return H + self.precision, gradient + self.precision @ (z - self.mean)
+        return H + self.precision, gradient + self.precision @ (z - self.drawn_to)
 
 
 @dataclass(frozen=True)
@@ -300,7 +320,7 @@ class MovingPart:
 
     def cost(self, x: Array) -> float:
         """Return half the squares over their variance, the prior's counted, at coordinates (M,)."""
-        moved, off = self._moved(x), x - self.problem.mean[self.at]
+        moved, off = self._moved(x), x - self.problem.drawn_to[self.at]
         return 0.5 * float(moved @ self.form @ moved + off @ self.precision @ off)
 
     def system(self, x: Array) -> tuple[Array, Array]:
@@ -308,7 +328,7 @@ class MovingPart:
         blocks = slopes(x[: 10 * len(self.links)].reshape(-1, 10))
         gradient = -by_coordinates(self.form[:-1] @ self._moved(x), blocks)
         H = by_coordinates(by_coordinates(self.form[:-1, :-1], blocks).T, blocks)
-        return H + self.precision, gradient + self.precision @ (x - self.problem.mean[self.at])
+        return H + self.precision, gradient + self.precision @ (x - self.problem.drawn_to[self.at])
 
     def _moved(self, x: Array) -> Array:
         links = 10 * len(self.links)
@@ -373,22 +393,3 @@ def with_noise(problem: RobotProblem, z: Array) -> RobotProblem:
     least = min(1.0, problem.sums.seconds / TUNING.together / len(left))
     share = np.maximum(independent(left, problem.sums.gaps), least)
     return replace(problem, variance=np.maximum(variance, 1e-18), share=share)
-
-
-def independent(left: Array, gaps: npt.NDArray[np.bool_]) -> Array:
-    """Return (n,) share of samples (N, n) that are independent: one over the sum of their autocorrelation.
-
-    Args:
-        left: what a fit leaves.
-        gaps: (N,) whether a sample is the first of its log.
-    """
-    lags, n = max(2, len(left) // 4), left.shape[1]
-    products, pairs = np.zeros((lags, n)), np.zeros((lags, 1))
-    for part in np.split(left, np.flatnonzero(gaps)[1:]):
-        spectrum = np.fft.rfft(part, 2 * len(part), axis=0)  # as long again in zeros, or ends would meet
-        some = min(lags, len(part))
-        products[:some] += np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[:some]
-        pairs[:some, 0] += len(part) - np.arange(some)
-    rho = products[1:] / np.maximum(pairs[1:], 1.0) / np.maximum(np.mean(left**2, axis=0), 1e-30)
-    total = 1.0 + 2.0 * np.sum(np.where(np.logical_and.accumulate(rho > 0.0), rho, 0.0), axis=0)
-    return 1.0 / total

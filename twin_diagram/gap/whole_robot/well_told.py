@@ -17,6 +17,9 @@ SIZES = (
 )
 """Parameters that say how large an effect is whose record names none as leading."""
 
+LEANS = ("roll", "pitch")
+"""Angles of one lean: axes are the base's, not the lean's own, along which it is told."""
+
 
 @dataclass(frozen=True)
 class Tuning:
@@ -57,7 +60,13 @@ def well_told(findings: Sequence[Finding], rough: float = 1.0) -> tuple[Finding,
 
 
 def _sizes(finding: Finding) -> list[tuple[str, Estimate | dict[str, Estimate]]]:
+    """Return parameters that say how large an effect is; both angles of a tilt are one: how far, some way, it leans."""
     keys = record_of(finding.name).leading or SIZES
+    angles = [finding.parameters.get(key) for key in LEANS]
+    both = [angle for angle in angles if isinstance(angle, Estimate)]
+    if len(both) == len(LEANS):
+        value, std = (np.ravel(told).tolist() for told in ([a.value for a in both], [a.std for a in both]))
+        return [(finding.name, Estimate(value, std, both[0].unit))]
     return [(key, value) for key, value in finding.parameters.items() if key in keys]
 
 
@@ -65,10 +74,25 @@ def _of_joint(finding: Finding, joint: str) -> list[Estimate]:
     return [value[joint] for _, value in _sizes(finding) if isinstance(value, dict) and joint in value]
 
 
+def share_of(finding: Finding, joint: str) -> float:
+    """Return the standard error of what is known best of a finding's size, as a share of it; 0 where it has none.
+
+    Args:
+        finding: any.
+        joint: which one; empty: of all of it.
+    """
+    sizes = [value for _, value in _sizes(finding) if isinstance(value, Estimate)]
+    return _least(_of_joint(finding, joint) if joint else sizes, finding)
+
+
 def _known(sizes: Sequence[Estimate], finding: Finding, most: float) -> bool:
     """Return whether any of the sizes is known to a share `most`; one that has none is."""
+    return _least(sizes, finding) <= most
+
+
+def _least(sizes: Sequence[Estimate], finding: Finding) -> float:
     nothing = 1.0 if "gain" in finding.parameters else 0.0
-    return not sizes or any(_share(size, nothing) <= most for size in sizes)
+    return min((_share(size, nothing) for size in sizes), default=0.0)
 
 
 def _share(size: Estimate, nothing: float) -> float:
