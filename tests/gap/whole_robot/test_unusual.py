@@ -204,9 +204,9 @@ def test_an_offset_that_is_missed_stays_where_evidence_speaks_for_it(
     assert kept is not None and bool(lost(kept.findings)) == stays
 
 
-@pytest.mark.parametrize(("matters", "stays"), [(3.0, True), (1e6, False)])
+@pytest.mark.parametrize(("doubtful", "stays"), [(10.0, True), (1e6, False)])
 def test_a_spring_that_is_not_known_to_a_third_stays_where_left_out_motion_misses_it(
-    matters: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+    doubtful: float, stays: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One known to 0.38 was lost in 8 s of an LWR4+, and with it what traded with it: 94 nats, and 1.7 times as far."""
     start = problem(effect("joint_spring", joints=["elbow_joint"], stiffness=8.0, rest_angle=1.0))
@@ -215,11 +215,11 @@ def test_a_spring_that_is_not_known_to_a_third_stays_where_left_out_motion_misse
     z = solve(start)
     found = concluding.said_of(start, z, covariance(start, z))
     assert found is not None
-    doubtful = ("joint_spring", ARM.joints[ELBOW])
-    monkeypatch.setattr(concluding, "TUNING", replace(concluding.TUNING, matters=matters))
+    unsure = ("joint_spring", ARM.joints[ELBOW])
+    monkeypatch.setattr(concluding, "TUNING", replace(concluding.TUNING, doubtful=doubtful))
 
     def lost(findings: Sequence[Finding]) -> set[tuple[str, str]]:
-        return {doubtful} & {(one.name, named) for one in findings for named in one.joints}
+        return {unsure} & {(one.name, named) for one in findings for named in one.joints}
 
     monkeypatch.setattr(concluding, "lost_names", lost)
     kept = concluding.well_known(found)

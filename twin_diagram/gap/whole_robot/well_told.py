@@ -17,9 +17,6 @@ SIZES = (
 )
 """Parameters that say how large an effect is whose record names none as leading."""
 
-LEANS = ("roll", "pitch")
-"""Angles of one lean: axes are the base's, not the lean's own, along which it is told."""
-
 
 @dataclass(frozen=True)
 class Tuning:
@@ -60,13 +57,7 @@ def well_told(findings: Sequence[Finding], rough: float = 1.0) -> tuple[Finding,
 
 
 def _sizes(finding: Finding) -> list[tuple[str, Estimate | dict[str, Estimate]]]:
-    """Return parameters that say how large an effect is; both angles of a tilt are one: how far, some way, it leans."""
     keys = record_of(finding.name).leading or SIZES
-    angles = [finding.parameters.get(key) for key in LEANS]
-    both = [angle for angle in angles if isinstance(angle, Estimate)]
-    if len(both) == len(LEANS):
-        value, std = (np.ravel(told).tolist() for told in ([a.value for a in both], [a.std for a in both]))
-        return [(finding.name, Estimate(value, std, both[0].unit))]
     return [(key, value) for key, value in finding.parameters.items() if key in keys]
 
 
