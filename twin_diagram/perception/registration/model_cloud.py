@@ -304,14 +304,18 @@ def visible(points: Array, normals: Array, direction: Array, cell: float) -> npt
     helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
     right = np.cross(direction, helper)
     right /= np.linalg.norm(right)
-    flat = points @ np.stack([right, np.cross(direction, right)], axis=1)
-    cells = np.floor((flat - flat.min(axis=0)) / cell).astype(np.int64)
-    key = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    flat = np.stack([right, np.cross(direction, right)]) @ points.T
+    row, column = np.floor((flat - flat.min(axis=1, keepdims=True)) / cell).astype(np.int64)
+    key = row * (column.max() + 1) + column
     height = points @ direction
-    order = np.argsort(height, kind="stable")
-    foremost = np.zeros(int(key.max()) + 1, dtype=np.int64)
-    foremost[key[order]] = order
-    front = foremost[key]
-    above = np.einsum("mi,mi->m", normals, points[front] - points)
-    hidden = (height[front] - height > 0.012) & (above > 0.012)
-    return np.asarray((normals @ direction > 0.1) & ~hidden)
+    top = np.full(int(key.max()) + 1, -np.inf)
+    np.maximum.at(top, key, height)
+    # Far fewer than all face the camera and lie so deep that they may be hidden.
+    seen = normals @ direction > 0.1
+    asked = np.flatnonzero(seen & (top[key] - height > 0.012))
+    highest = np.flatnonzero(height == top[key])
+    foremost = np.zeros(len(top), dtype=np.int64)
+    foremost[key[highest]] = highest
+    before = points[foremost[key[asked]]] - points[asked]
+    seen[asked] = np.einsum("mi,mi->m", normals[asked], before) <= 0.012
+    return np.asarray(seen)

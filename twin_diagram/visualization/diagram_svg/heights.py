@@ -155,7 +155,7 @@ class Heights:
             sides = (True, False) if sweep > SWEEPS // 2 else ((True,) if sweep % 2 == 0 else (False,))
             for c in order:
                 self._settle(c, sides)
-            cost = self._cost()
+            cost = self._cost(self.steps)
             if best is None or cost < best[0]:
                 best = (cost, [list(s) for s in self.stacks], [[i.y for i in s] for s in self.stacks])
         assert best is not None
@@ -182,12 +182,13 @@ class Heights:
         improved = True
         while improved:
             improved = False
-            for stack in self.stacks:
+            for c, stack in enumerate(self.stacks):
+                beside = self.steps[c : c + 2]  # no other channel's wires end at this column
                 for k in range(len(stack) - 1):
-                    before, heights = self._cost(), [item.y for item in stack]
+                    before, heights = self._cost(beside), [item.y for item in stack]
                     stack[k], stack[k + 1] = stack[k + 1], stack[k]
                     _stack(stack, heights)
-                    if self._cost() < before - 1e-6:
+                    if self._cost(beside) < before - 1e-6:
                         improved = True
                         continue
                     stack[k], stack[k + 1] = stack[k + 1], stack[k]
@@ -236,10 +237,10 @@ class Heights:
             stack.sort(key=lambda item: goals[id(item)] + item.height / 2)
         _stack(stack, [goals[id(item)] for item in stack])
 
-    def _cost(self) -> float:
-        """Return the cost: of crossings, then of length."""
+    def _cost(self, channels: Sequence[Sequence[WireStep]]) -> float:
+        """Return the cost of channels: of crossings, then of length."""
         cost = 0.0
-        for steps in self.steps:
+        for steps in channels:
             pairs = []
             for step in steps:
                 left, right = self.ends(step)
