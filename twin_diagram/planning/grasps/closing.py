@@ -73,20 +73,6 @@ def slab_half(gripper: Gripper, margin: float) -> float:
     return max(gripper.finger_width, gripper.root_width) / 2 + margin
 
 
-def palm_stop(q: Array, gripper: Gripper, margin: float, aside: float = 0.0) -> Array:
-    """Return how far (K,) the gripper can be pushed along z until its palm is a gap before a point [m].
-
-    Args:
-        q: (K, 3, N) points in the poses' frames [m].
-        gripper: with its palm.
-        margin: by which the palm is taken larger all around [m].
-        aside: by how much the gripper may still be moved along y [m].
-    """
-    x, y, _ = gripper.palm_size
-    meets = (np.abs(q[:, 0]) <= x / 2 + margin) & (np.abs(q[:, 1]) <= y / 2 + margin + aside)
-    return np.where(meets, q[:, 2], np.float32(np.inf)).min(axis=1) - TUNING.gap - gripper.palm_front
-
-
 def finger_stop(slab: Slab, gripper: Gripper, margin: float, offset: Array, other: Flags) -> Array:
     """Return how far (K,) the open gripper can be pushed along z until a finger is a gap before a point [m].
 
