@@ -215,9 +215,8 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
     entries, places = (slab.pose, slab.point, slab.q), np.empty((len(slab.pose), 3))
     along = (gripper.palm_front, gripper.finger_front, gripper.pad_back, gripper.pad_front)
     half, wide = _single(gripper.pad_width / 2), gripper.opening_most / 2
-    # Of all points at once: quicker than to gather those that are needed first.
-    across = R[:, :, 1].astype(np.float32) @ normals.T.astype(np.float32)
-    furthest, beside, sums = closing_kernels.reached(*entries, other, across, offset, depth, half, wide, along, places)
+    facing = one_layout(R[:, :, 1].astype(np.float32)), one_layout(normals.astype(np.float32))
+    furthest, beside, sums = closing_kernels.reached(*entries, other, *facing, offset, depth, half, wide, along, places)
     count, reach = sums[:, 0], furthest.sum(axis=1)
     patch = np.clip(TUNING.round_share * reach, TUNING.patch_least, TUNING.patch)
     against = np.maximum(patch, TUNING.against)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -118,7 +118,7 @@ def view(target: GraspTarget, gripper: Gripper, R: Array, p: Array, margin: floa
     # The fingers come no further than the palm lets them.
     ahead = gripper.finger_front + 2 * CLOSING.gap
     stop, pose, point, q = slab_kernels.before(one_layout(left), one_layout(right), half, palm, ahead)
-    return Ahead(Slab(len(R), pose, point, q), stop, margin)
+    return Ahead(Slab(len(R), pose, point, cast(Array, q)), cast(Array, stop), margin)
 
 
 def judge(target: GraspTarget, gripper: Gripper, R: Array, p: Array) -> Judged:
