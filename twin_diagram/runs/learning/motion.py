@@ -57,6 +57,12 @@ class Tuning:
     line_step: float = 0.008
     """Between points of a straight line of the tool [m]."""
 
+    line_steps: int = 12
+    """Of the search for joint angles at each such point: three do where no limit is near."""
+
+    line_off: float = 2e-3
+    """The tool may be off such a point [m], [rad]; where no limit is near it is off by less than a millionth."""
+
     line_jump: float = 0.25
     """A joint that moves farther from one such point to the next has changed its branch [rad]."""
 
@@ -323,16 +329,8 @@ class Mover:
 
     def _stepped(self, q: Array, X_WT: Array) -> Array:
         """Return the joint angles of a pose near to those that are given."""
-        chain = self.scene.chain
-        for _ in range(12):
-            placement = chain.place(q[None])
-            error = inverse_kinematics.pose_error(chain.tool(placement), X_WT)[0]
-            if float(np.abs(error).max()) < 1e-6:
-                return q
-            J = chain.tool_jacobian(placement)[0]
-            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), error), self.lower, self.upper)
-        error = inverse_kinematics.pose_error(chain.tool(chain.place(q[None])), X_WT)[0]
-        if float(np.abs(error).max()) > 2e-3:
+        q, error = inverse_kinematics.nearby(self.scene.chain, X_WT, q, self.lower, self.upper, TUNING.line_steps)
+        if float(np.abs(error).max()) > TUNING.line_off:
             raise NoWay("a joint's limit is in the way of a straight line of the tool")
         return q
 
