@@ -70,6 +70,20 @@ def test_what_lies_across_the_platforms_edge_is_one_thing_and_taken_above_the_pl
     assert support_of(low, LEARNING) == 0.0 and low.points[:, 0].max() < 0.42
 
 
+def test_what_the_border_cuts_off_beside_a_bin_does_not_go_on_within_that() -> None:
+    """For what might have lain in the other bin nothing found a place there, and was let fall into it."""
+    cut = box((0.36, 0.07, 0.03), (0.06, 0.14, 0.06))
+    (one,) = lying(taken(cut), LEARNING, FACES, NO_ARM)
+    low, high = (np.array(corner) for corner in LEARNING.into_bin)
+    far = one.beyond[:, 1]
+    assert one.beside and far.max() > one.points[:, 1].max() + 0.02, "up to the wall it may"
+    assert not ((one.beyond > low) & (one.beyond < high)).all(axis=1).any()
+    # One as high as the rim may lie over that.
+    (tall,) = lying(taken(box((0.36, 0.07, 0.08), (0.06, 0.14, 0.16))), LEARNING, FACES, NO_ARM)
+    inside = ((tall.beyond > low)[:, :2] & (tall.beyond < high)[:, :2]).all(axis=1)
+    assert inside.any() and (tall.beyond[inside, 2] > high[2]).all()
+
+
 def test_walls_platform_and_arm_are_no_things() -> None:
     assert lying(taken(), LEARNING, FACES, NO_ARM) == []
     arm: Any = SimpleNamespace(near=lambda points, q, margin, fingers: np.asarray(ARM.distance(points)[0]) < margin)

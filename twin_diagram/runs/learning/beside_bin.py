@@ -186,7 +186,15 @@ def things_beside(
     rows = np.argwhere(there & (points[..., 2] > table + TUNING.level))
     arm = robot.near(points[tuple(rows.T)], picture.q, TUNING.robot, picture.fingers)
     there[tuple(rows[arm].T)] = False
-    return things_at(picture, there, table, beside=True)
+    return [_stopped_by_bins(one, learning) for one in things_at(picture, there, table, beside=True)]
+
+
+def _stopped_by_bins(thing: SeenThing, learning: Learning) -> SeenThing:
+    """Return a thing beside the bins that may go on beyond the picture's border over their rims, not through walls."""
+    free = np.ones(len(thing.beyond), dtype=bool)
+    for bottom, top in (learning.from_bin, learning.into_bin):
+        free &= ~_within(thing.beyond, np.array(bottom), np.array(top)) | (thing.beyond[:, 2] > top[2])
+    return replace(thing, beyond=thing.beyond[free])
 
 
 def _faces_seen(
