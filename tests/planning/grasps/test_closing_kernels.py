@@ -36,8 +36,12 @@ def drawn() -> dict[str, Array]:
 def test_pads_touch_what_the_same_written_plainly_says(drawn: dict[str, Array]) -> None:
     entries = drawn["pose"], drawn["point"], drawn["q"]
     places = np.empty((ENTRIES, 3))
-    across = (drawn["R"][:, :, 1] @ drawn["normals"].T).astype(np.float32)
-    told = (drawn["other"], across, drawn["offset"], drawn["depth"])
+    axes, normals = (one.astype(np.float32).astype(float) for one in (drawn["R"][:, :, 1], drawn["normals"]))
+    across = np.zeros((POSES, POINTS))
+    for axis, along in zip(axes.T, normals.T, strict=True):  # each product is added with one rounding
+        across = (across + np.outer(axis, along)).astype(np.float32).astype(float)
+    single = np.ascontiguousarray(axes, dtype=np.float32), normals.astype(np.float32)
+    told = (drawn["other"], *single, drawn["offset"], drawn["depth"])
     furthest, beside, sums = closing_kernels.reached(*entries, *told, HALF, WIDE, ALONG, places)
     patch, against = np.full(POSES, 0.004), np.full(POSES, 0.006)
     contact, normal = closing_kernels.touched(*entries, drawn["normals"], places, furthest, against, patch)
@@ -46,7 +50,7 @@ def test_pads_touch_what_the_same_written_plainly_says(drawn: dict[str, Array]) 
         x, y, z = drawn["q"].astype(float) - np.array([[0.0], [drawn["offset"][k]], [drawn["depth"][k]]])
         mine &= (np.abs(y) <= WIDE) & (z >= ALONG[0]) & (z <= ALONG[1])
         on = mine & (z >= ALONG[2]) & (z <= ALONG[3])
-        n = across[k, drawn["point"]].astype(float)
+        n = across[k, drawn["point"]]
         assert sums[k] == pytest.approx([on.sum(), (np.expm1(n[on] ** 2) / np.expm1(1.0)).sum()])
         for side, sign in enumerate((1.0, -1.0)):
             assert furthest[k, side] == (sign * y[on]).max(initial=-np.inf)

@@ -8,7 +8,7 @@ import pytest
 from tests.planning.grasps.brute_force import box_triangles, collides, cylinder_triangles, dense_points
 from twin_diagram.planning.grasps import PANDA_HAND, WSG50, Gripper, estimated_normals, propose, target_of
 from twin_diagram.planning.grasps.closing import TUNING as CLOSING
-from twin_diagram.planning.grasps.closing import heights, table_stop
+from twin_diagram.planning.grasps.closing import heights, slab_half, table_stop
 from twin_diagram.planning.grasps.cost import antipodal_cost, weight_torque
 from twin_diagram.planning.grasps.judging import REASONS, judge, settle, success_over_poses, view
 from twin_diagram.planning.grasps.search import _neighbours
@@ -80,6 +80,22 @@ def test_points_in_frames_and_their_slab() -> None:
     half = slab.where(slab.q[1] > 0)
     assert len(half.pose) == int((kept & (q[:, 1] > 0)).sum())
     assert (half.q[1] > 0).all()
+
+
+def test_what_a_view_shows_is_what_a_table_of_all_points_in_all_frames_says() -> None:
+    rng = np.random.default_rng(2)
+    target = target_of(rng.uniform(-0.15, 0.15, (3000, 3)), rng.standard_normal((3000, 3)))
+    R, p = rotations.matrix(rotations.exp(rng.standard_normal((40, 3)))), rng.uniform(-0.4, 0.4, (40, 3))
+    ahead = view(target, WSG50, R, p, 0.001, 0.01)
+    x, y, z = in_frames(target.points, R, p).transpose(1, 0, 2)
+    below = (np.abs(x) <= WSG50.palm_size[0] / 2 + 0.001) & (np.abs(y) <= WSG50.palm_size[1] / 2 + 0.011)
+    palm = np.where(below, z, np.inf).min(axis=1) - CLOSING.gap - WSG50.palm_front
+    assert 0 < np.isinf(palm).sum() < 40
+    assert ahead.palm == pytest.approx(palm, abs=1e-6)
+    near = np.abs(x) <= slab_half(WSG50, 0.001)
+    near &= z <= np.maximum(palm, 0.0)[:, None] + WSG50.finger_front + 2 * CLOSING.gap
+    assert np.array_equal(np.stack([ahead.slab.pose, ahead.slab.point], axis=1), np.argwhere(near))
+    assert ahead.slab.q == pytest.approx(np.stack([x[near], y[near], z[near]]), abs=1e-6)
 
 
 def test_the_palm_stops_a_gap_before_a_box_between_the_fingers() -> None:

@@ -10,7 +10,7 @@ import pytest
 from twin_diagram import scenario
 from twin_diagram.planning.collision.ball_cover import arm_plant
 from twin_diagram.planning.collision.chain import Chain
-from twin_diagram.planning.paths.inverse_kinematics import IkTuning, pose_error, solve
+from twin_diagram.planning.paths.inverse_kinematics import IkTuning, nearby, pose_error, solve
 from twin_diagram.signals.arrays import Array
 
 EVERY = IkTuning(position_tolerance=np.inf, rotation_tolerance=np.inf, distinct=0.0)
@@ -90,6 +90,20 @@ def test_solutions_keep_away_from_the_limits(chain: Chain) -> None:
         limit = np.abs(NEAR) + np.array([1.0, 1.0, above, 1.0, 1.0, 1.0])
         q = found(chain, NEAR, None, limit=limit)
         assert bool(len(q) and np.abs(q[0] - NEAR).max() < 1e-3) == there
+
+
+def test_a_goal_close_by_is_reached_in_the_shortest_way(chain: Chain) -> None:
+    goal = NEAR + 0.02 * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
+    X_WG = chain.tool(chain.place(goal[None]))[0]
+    q, error = nearby(chain, X_WG, NEAR, -WIDE, WIDE, 12)
+    assert np.abs(error).max() < 1e-9 and np.abs(q - goal).max() < 1e-6
+    np.testing.assert_allclose(error, pose_error(chain.tool(chain.place(q[None])), X_WG)[0], atol=1e-9)
+    placement = chain.place(NEAR[None])
+    J, first = chain.tool_jacobian(placement)[0], pose_error(chain.tool(placement), X_WG)[0]
+    step = J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), first)
+    np.testing.assert_allclose(nearby(chain, X_WG, NEAR, -WIDE, WIDE, 1)[0], NEAR + step, atol=1e-9)
+    q, error = nearby(chain, X_WG, NEAR, -WIDE, np.append(WIDE[:5], NEAR[5]), 12)
+    assert q[5] <= NEAR[5] and np.abs(error).max() > 1e-3, "six joints have no other way past a limit"
 
 
 def test_the_errors_turn_and_move_the_tool_into_the_goal(chain: Chain) -> None:

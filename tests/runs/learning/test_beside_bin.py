@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from tests.runs.learning.test_camera_check import SOLIDS, TOLD, box, camera
 from twin_diagram.runs.learning import handling
-from twin_diagram.runs.learning.beside_bin import lying, stand_about, stand_about_rest, upright_points
+from twin_diagram.runs.learning.beside_bin import lying, stand_about, stand_about_rest, support_of, upright_points
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import Picture, told_camera
@@ -48,11 +48,40 @@ def taken(*things: Any, off: Array | None = None) -> Picture:
 
 @pytest.mark.parametrize("off", [[0.0, 0.0, 0.0], [0.002, -0.002, 0.001]])
 def test_what_lies_beside_the_bin_comes_after_what_lies_in_it(off: list[float]) -> None:
-    inside, beside = lying(taken(IN_BIN, BESIDE, ON_PLATFORM, off=np.array(off)), LEARNING, FACES, NO_ARM)
-    assert (inside.beside, beside.beside) == (False, True)
+    found = lying(taken(IN_BIN, BESIDE, ON_PLATFORM, off=np.array(off)), LEARNING, FACES, NO_ARM)
+    inside, on_platform, beside = found
+    assert [one.beside for one in found] == [False, True, True]
+    assert [support_of(one, LEARNING) for one in found] == [0.007, 0.06, 0.0]
+    assert on_platform.middle[:2] == pytest.approx([0.5, -0.05], abs=0.01)
     assert inside.middle[:2] == pytest.approx([0.42, -0.4], abs=0.01), "three pixels"
     assert beside.middle[:2] == pytest.approx([0.16, -0.36], abs=0.01)
     assert beside.top == pytest.approx(0.04, abs=0.004)
+
+
+def test_what_lies_across_the_platforms_edge_is_one_thing_and_taken_above_the_platform() -> None:
+    """Of a bottle that had rolled there what was over the table alone was seen, and taken for a thing on the table."""
+    across = box((0.47, -0.07, 0.09), (0.06, 0.11, 0.06))
+    (one,) = lying(taken(across), LEARNING, FACES, NO_ARM)
+    assert one.middle[:2] == pytest.approx([0.47, -0.07], abs=0.012), "edges smear along the view"
+    assert np.ptp(one.points[:, :2], axis=0) == pytest.approx([0.06, 0.11], abs=0.025)
+    assert support_of(one, LEARNING) == 0.06
+    # What stands at the platform's side, no higher than that, stands on the table.
+    (low,) = lying(taken(box((0.38, -0.02, 0.025), (0.06, 0.06, 0.05))), LEARNING, FACES, NO_ARM)
+    assert support_of(low, LEARNING) == 0.0 and low.points[:, 0].max() < 0.42
+
+
+def test_what_the_border_cuts_off_beside_a_bin_does_not_go_on_within_that() -> None:
+    """For what might have lain in the other bin nothing found a place there, and was let fall into it."""
+    cut = box((0.36, 0.07, 0.03), (0.06, 0.14, 0.06))
+    (one,) = lying(taken(cut), LEARNING, FACES, NO_ARM)
+    low, high = (np.array(corner) for corner in LEARNING.into_bin)
+    far = one.beyond[:, 1]
+    assert one.beside and far.max() > one.points[:, 1].max() + 0.02, "up to the wall it may"
+    assert not ((one.beyond > low) & (one.beyond < high)).all(axis=1).any()
+    # One as high as the rim may lie over that.
+    (tall,) = lying(taken(box((0.36, 0.07, 0.08), (0.06, 0.14, 0.16))), LEARNING, FACES, NO_ARM)
+    inside = ((tall.beyond > low)[:, :2] & (tall.beyond < high)[:, :2]).all(axis=1)
+    assert inside.any() and (tall.beyond[inside, 2] > high[2]).all()
 
 
 def test_walls_platform_and_arm_are_no_things() -> None:

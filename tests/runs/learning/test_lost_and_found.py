@@ -69,7 +69,7 @@ class Cell:
         folder.mkdir()
         self._did("written")
 
-    def weigh_held(self, tools: Any, what: ShownObject, folder: Path) -> float:
+    def weigh_held(self, tools: Any, what: ShownObject, folder: Path, gentle: float) -> float:
         self._did("weigh")
         (folder / SWUNG).touch()
         what.swung = SimpleNamespace(use={})  # type: ignore[assignment]

@@ -32,6 +32,7 @@ from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_jobs import Done
 from twin_diagram.runs.learning.shape_worker import SHAPE
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
+from twin_diagram.runs.learning.weighing import Slipping
 from twin_diagram.runtime.stopping import Stopped
 from twin_diagram.scenario import Learning, Scenario
 
@@ -419,7 +420,8 @@ def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(
         what.X_ST.append(np.eye(4))
         return True
 
-    def weigh_held(tools: Any, what: ShownObject, folder: Path) -> float:
+    def weigh_held(tools: Any, what: ShownObject, folder: Path, gentle: float) -> float:
+        assert gentle == 1.0
         grasps.append(len(what.X_ST))
         raise WeighingError("no motion keeps the limit of grip")
 
@@ -433,6 +435,29 @@ def test_what_is_hardly_held_is_taken_anew_before_it_is_weighed(
     held.X_ST = [np.eye(4)] * run.tools.learning.most_grasps
     one.weigh()
     assert grasps == [3], "no more grasps than there may be"
+
+
+@pytest.mark.parametrize(("grasps", "swung"), [(1, [(1, 1.0), (2, 1.0), (2, 0.5)]), (3, [(3, 1.0), (3, 0.5)])])
+def test_what_turns_in_its_last_grasp_too_is_swung_more_gently(
+    grasps: int, swung: list[tuple[int, float]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A flask of 1.1 kg turned in two grasps, of three that there may be, and was put away unweighed."""
+    run, held, tried = learner(Bin([]), tmp_path / "run", monkeypatch), ShownObject(), list[tuple[int, float]]()
+    held.X_ST = [np.eye(4)] * grasps
+
+    def weigh_held(tools: Any, what: Any, folder: Path, gentle: float) -> float:
+        tried.append((len(what.X_ST), gentle))
+        if gentle == 1.0:
+            raise Slipping("it turns between the fingers when it is swung; grip elsewhere")
+        what.swung = SimpleNamespace(use={})
+        return 1.1
+
+    monkeypatch.setattr(handling, "show_again", lambda tools, what, firm: what.X_ST.append(np.eye(4)) or True)
+    monkeypatch.setattr(swinging, "weigh_held", weigh_held)
+    one = OneObject(run.tools, run.record, "object_01", run._stage, run._jobs.add, [])
+    one.shown = held
+    one.weigh()
+    assert tried == swung and held.swung is not None
 
 
 def test_all_else_that_the_picture_shows_is_in_the_way_of_a_pick(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -111,6 +111,11 @@ def test_what_takes_much_of_the_grip_at_rest_is_swung_with_more_of_it() -> None:
     beside = share_of(grip, 1.0, np.array([0.05, 0.0, 0.03]))
     assert beside == pytest.approx(1.5 * np.hypot(9.81 / slide, 9.81 * 0.05 / turn))
     assert share_of(grip, 2.0, np.array([0.3, 0.0, 0.03])) == 2.5, "there is an end to it"
+    # Half as much beyond what is asked at rest: half of it all would leave what hangs far beside the pads no motion.
+    assert share_of(grip, 1.0, np.array([0.05, 0.0, 0.03]), 0.5) == pytest.approx(beside * 1.25 / 1.5)
+    assert share_of(grip, 0.3, np.array([0.0, 0.0, 0.03]), 0.5) == pytest.approx(
+        max(0.125, 1.25 * 0.3 * 9.81 / slide), rel=1e-6
+    )
 
 
 class Hand:

@@ -73,20 +73,6 @@ def slab_half(gripper: Gripper, margin: float) -> float:
     return max(gripper.finger_width, gripper.root_width) / 2 + margin
 
 
-def palm_stop(q: Array, gripper: Gripper, margin: float, aside: float = 0.0) -> Array:
-    """Return how far (K,) the gripper can be pushed along z until its palm is a gap before a point [m].
-
-    Args:
-        q: (K, 3, N) points in the poses' frames [m].
-        gripper: with its palm.
-        margin: by which the palm is taken larger all around [m].
-        aside: by how much the gripper may still be moved along y [m].
-    """
-    x, y, _ = gripper.palm_size
-    meets = (np.abs(q[:, 0]) <= x / 2 + margin) & (np.abs(q[:, 1]) <= y / 2 + margin + aside)
-    return np.where(meets, q[:, 2], np.float32(np.inf)).min(axis=1) - TUNING.gap - gripper.palm_front
-
-
 def finger_stop(slab: Slab, gripper: Gripper, margin: float, offset: Array, other: Flags) -> Array:
     """Return how far (K,) the open gripper can be pushed along z until a finger is a gap before a point [m].
 
@@ -229,9 +215,8 @@ def close(slab: Slab, normals: Array, R: Array, gripper: Gripper, offset: Array,
     entries, places = (slab.pose, slab.point, slab.q), np.empty((len(slab.pose), 3))
     along = (gripper.palm_front, gripper.finger_front, gripper.pad_back, gripper.pad_front)
     half, wide = _single(gripper.pad_width / 2), gripper.opening_most / 2
-    # Of all points at once: quicker than to gather those that are needed first.
-    across = R[:, :, 1].astype(np.float32) @ normals.T.astype(np.float32)
-    furthest, beside, sums = closing_kernels.reached(*entries, other, across, offset, depth, half, wide, along, places)
+    facing = one_layout(R[:, :, 1].astype(np.float32)), one_layout(normals.astype(np.float32))
+    furthest, beside, sums = closing_kernels.reached(*entries, other, *facing, offset, depth, half, wide, along, places)
     count, reach = sums[:, 0], furthest.sum(axis=1)
     patch = np.clip(TUNING.round_share * reach, TUNING.patch_least, TUNING.patch)
     against = np.maximum(patch, TUNING.against)

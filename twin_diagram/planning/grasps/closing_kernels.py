@@ -58,12 +58,22 @@ def ends_between(pose: Indices, q: Array, offset: Array, other: Flags, wide: flo
 
 
 @compiled
+def _along(axis: npt.NDArray[np.float32], normal: npt.NDArray[np.float32]) -> np.float32:
+    """Return a normal's part along an axis (3,) each: each product is added with one rounding, as in `slab_kernels`."""
+    total = np.float32(axis[0] * normal[0])
+    for j in range(1, 3):
+        total = np.float32(np.float64(axis[j]) * np.float64(normal[j]) + np.float64(total))
+    return total
+
+
+@compiled
 def reached(
     pose: Indices,
     point: Indices,
     q: Array,
     other: Flags,
-    across: npt.NDArray[np.float32],
+    axes: npt.NDArray[np.float32],
+    normals: npt.NDArray[np.float32],
     offset: Array,
     depth: Array,
     half: float,
@@ -78,7 +88,8 @@ def reached(
         point: (M,) which point of the cloud.
         q: (3, M) its place [m].
         other: (M,) entries that are not of the object.
-        across: (K, N) how much of each point's normal is along y.
+        axes: (K, 3) y of the poses, in the cloud's frame.
+        normals: (N, 3) of the cloud's points there.
         offset: (K,) along y [m].
         depth: (K,) along z [m].
         half: of the pads' width [m].
@@ -104,7 +115,7 @@ def reached(
         if not pad_back <= z <= pad_front:
             beside[k, 0], beside[k, 1] = max(beside[k, 0], y), max(beside[k, 1], -y)
             continue
-        n = np.float64(across[k, point[m]])
+        n = np.float64(_along(axes[k], normals[point[m]]))
         places[m, 0], places[m, 1], places[m, 2] = y, z, n
         furthest[k, 0], furthest[k, 1] = max(furthest[k, 0], y), max(furthest[k, 1], -y)
         sums[k, 0] += 1.0

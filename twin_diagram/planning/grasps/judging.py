@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.planning.grasps import cost
+from twin_diagram.planning.grasps import cost, slab_kernels
 from twin_diagram.planning.grasps.closing import (
     TUNING as CLOSING,
 )
@@ -18,16 +18,16 @@ from twin_diagram.planning.grasps.closing import (
     drawn_back,
     finger_stop,
     heights,
-    palm_stop,
     rim_depth,
     slab_half,
     table_stop,
 )
 from twin_diagram.planning.grasps.gripper import Gripper
-from twin_diagram.planning.grasps.slab import Flags, Slab, in_frames, slab_of
+from twin_diagram.planning.grasps.slab import Flags, Slab, factors
 from twin_diagram.planning.grasps.target import GraspTarget
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
+from twin_diagram.signals.compiled import one_layout
 
 REASONS: Final = (
     "",
@@ -112,12 +112,13 @@ def view(target: GraspTarget, gripper: Gripper, R: Array, p: Array, margin: floa
         margin: as of `Ahead`: the cloud has gaps.
         aside: by how much poses may still be moved along y [m].
     """
-    q = in_frames(target.points, R, p)
-    palm = palm_stop(q, gripper, margin, aside)
-    near = np.abs(q[:, 0]) <= slab_half(gripper, margin)
+    left, right = factors(target.points, R, p)
+    half, (x, y, _) = slab_half(gripper, margin), gripper.palm_size
+    palm = x / 2 + margin, y / 2 + margin + aside, CLOSING.gap, gripper.palm_front
     # The fingers come no further than the palm lets them.
-    near &= q[:, 2] <= np.maximum(palm, 0.0)[:, None] + (gripper.finger_front + 2 * CLOSING.gap)
-    return Ahead(slab_of(q, near), palm, margin)
+    ahead = gripper.finger_front + 2 * CLOSING.gap
+    stop, pose, point, q = slab_kernels.before(one_layout(left), one_layout(right), half, palm, ahead)
+    return Ahead(Slab(len(R), pose, point, cast(Array, q)), cast(Array, stop), margin)
 
 
 def judge(target: GraspTarget, gripper: Gripper, R: Array, p: Array) -> Judged:

@@ -12,6 +12,7 @@ from twin_diagram.signals.arrays import Array
 
 Indices = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]
+Single = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,22 @@ def slab_of(q: Array, kept: Flags) -> Slab:
     return Slab(poses, pose, point, np.stack([q.reshape(-1).take(at + axis * count) for axis in range(3)]))
 
 
+def factors(points: Array, R: Array, p: Array) -> tuple[Single, Single]:
+    """Return (K, 3, 4) and (4, N) in single precision, whose product is points in the frames of K poses [m].
+
+    Args:
+        points: (N, 3) in O [m].
+        R: (K, 3, 3) the poses' axes in O, as columns.
+        p: (K, 3) their origins in O [m].
+    """
+    # Of points about their middle, which single precision serves best.
+    middle = points.mean(axis=0)
+    shifts = np.einsum("kij,ki->kj", R, middle - p)
+    left = np.concatenate([R.transpose(0, 2, 1), shifts[:, :, None]], axis=2)
+    right = np.concatenate([points - middle, np.ones((len(points), 1))], axis=1).T
+    return left.astype(np.float32), right.astype(np.float32)
+
+
 def in_frames(points: Array, R: Array, p: Array) -> Array:
     """Return points (N, 3) in the frames of K poses, (K, 3, N) [m], in single precision: 0.1 µm at a metre.
 
@@ -70,9 +87,5 @@ def in_frames(points: Array, R: Array, p: Array) -> Array:
         R: (K, 3, 3) the poses' axes in O, as columns.
         p: (K, 3) their origins in O [m].
     """
-    # As one product of (3 K, 4) and (4, N), of points about their middle, which single precision serves best.
-    middle = points.mean(axis=0)
-    shifts = np.einsum("kij,ki->kj", R, middle - p)
-    left = np.concatenate([R.transpose(0, 2, 1), shifts[:, :, None]], axis=2).reshape(-1, 4).astype(np.float32)
-    right = np.concatenate([points - middle, np.ones((len(points), 1))], axis=1).T.astype(np.float32)
-    return np.asarray((left @ right).reshape(len(R), 3, len(points)), dtype=np.float32)
+    left, right = factors(points, R, p)
+    return np.asarray((left.reshape(-1, 4) @ right).reshape(len(R), 3, len(points)), dtype=np.float32)

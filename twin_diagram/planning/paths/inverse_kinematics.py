@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,6 +32,10 @@ class IkTuning:
     """Solutions that differ by less than this in every joint are one [rad]."""
     limit_margin: float = 0.05
     """Kept from the joints' limits [rad]."""
+
+
+NEARBY_DAMPING: Final = 1e-6
+"""Of `nearby`, added to J Jᵀ [m², rad²]: goals are close, and so are solutions."""
 
 
 def pose_error(X_WT: Array, X_WG: Array) -> Array:
@@ -88,6 +93,27 @@ def solve(
         if all(np.abs(candidate - other).max() >= tuning.distinct for other in distinct):
             distinct.append(candidate)
     return np.array(distinct).reshape(-1, n)
+
+
+def nearby(chain: Chain, X_WG: Array, near: Array, lower: Array, upper: Array, iterations: int) -> tuple[Array, Array]:
+    """Return the configuration (n,) next to another that puts the tool at a pose close by, and its error there (6,).
+
+    Args:
+        chain: the arm.
+        X_WG: (4, 4) the tool's goal.
+        near: (n,) where it begins; of all that reach the goal it goes to the one with the shortest steps.
+        lower: (n,) limits; joints at one take no part in steps beyond it.
+        upper: (n,) likewise.
+        iterations: steps at the most.
+    """
+    from twin_diagram.planning.paths import inverse_kernels  # compiled; not with every import
+
+    X_LT, X_WG, low, high = (np.ascontiguousarray(part, dtype=float) for part in (chain.X_LT, X_WG, lower, upper))
+    q, error = inverse_kernels.search(
+        np.array([near], dtype=float), chain.constant, chain.sine, chain.cosine, chain.linear, chain.axes_P,
+        chain.origins_P, chain.prismatic, X_LT, X_WG, low, high, iterations, NEARBY_DAMPING, np.inf,
+    )  # fmt: skip
+    return q[0], error[0]
 
 
 def damped_step(J: Array, error: Array, damping: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What lies on the table beside the bin: where the bin's camera should see the table and sees something higher."""
+"""What lies on table or platform beside the bin: where its camera should see one of them and sees something higher."""
 
 from __future__ import annotations
 
@@ -50,6 +50,10 @@ class Tuning:
     within: float = 0.5
     """Share of a thing's pixels in the bin from which it lies in it; of less it is seen as lying beside it."""
 
+    over: float = 0.1
+    """Share of a thing's points over the platform from which it lies on that, too: of one beside it edges smear over
+    it by some pixels."""
+
     about: float = 0.25
     """How far from a thing upright faces are in the hand's way [m]: the hand's size."""
 
@@ -94,9 +98,25 @@ def things_in_bin(picture: Picture, learning: Learning, robot: RobotShape) -> li
     return sorted(found, key=lambda thing: -thing.top)
 
 
+def over_platform(thing: SeenThing, learning: Learning) -> bool:
+    """Return whether some of a thing beside the bin lies over the platform."""
+    low, high = (np.array(corner) for corner in learning.platform)
+    return thing.beside and float(_within(thing.points, low, high).mean()) >= TUNING.over
+
+
 def support_of(thing: SeenThing, learning: Learning) -> float:
-    """Return the height of what a thing lies on: the bin's bottom, or the table, on which the platform stands [m]."""
-    return learning.platform[0][2] if thing.beside else learning.from_bin[0][2]
+    """Return the height that fingers stay above at a thing [m]: of the bin's bottom, the table, or the platform on it.
+
+    What lies partly over the platform is taken above that, whatever its other end lies on.
+    """
+    if not thing.beside:
+        return learning.from_bin[0][2]
+    return learning.platform[1][2] if over_platform(thing, learning) else learning.platform[0][2]
+
+
+def _within(points: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
+    """Return which points (..., 3) lie within or over a box between corners (3,), as seen from above."""
+    return np.asarray(((points[..., :2] > low[:2]) & (points[..., :2] < high[:2])).all(-1))
 
 
 def whole_of(thing: SeenThing) -> Array:
@@ -108,7 +128,8 @@ def stand_about(mover: Mover, learning: Learning, things: Sequence[SeenThing]) -
     """Keep ways clear of things in the bin and beside it."""
     for where, beside in (("bin", False), ("table", True)):
         some = [thing for thing in things if thing.beside == beside]
-        mover.stand(where, [whole_of(thing) for thing in some], support_of(some[0], learning) if some else 0.0)
+        support = learning.platform[0][2] if beside else learning.from_bin[0][2]
+        mover.stand(where, [whole_of(thing) for thing in some], support)
 
 
 def stand_about_rest(
@@ -138,7 +159,9 @@ def things_beside(
     robot: RobotShape,
     others: npt.NDArray[np.bool_] | None = None,
 ) -> list[SeenThing]:
-    """Return what a picture shows on the table, outside of bins and platform, the highest first.
+    """Return what a picture shows on the table, and on the platform, outside of bins, the highest first.
+
+    What lies across the platform's edge, or leans on it, is one thing.
 
     Args:
         picture: of the bin's camera.
@@ -147,25 +170,53 @@ def things_beside(
         robot: whose arm may be seen, too.
         others: (H, W) pixels of what lies in the bin, and over its rim.
     """
-    camera, table = picture.camera, learning.platform[0][2]
+    table, (low, high) = learning.platform[0][2], (np.array(corner) for corner in learning.platform)
     points = picture.points()
     level = (faces.normal[:, 2] > TUNING.upright) & (np.abs(faces.middle[:, 2] - table) < TUNING.level)
-    step = slice(None, None, TUNING.stride)
-    rays = camera.rays()[step, step] @ camera.R_WC.T
-    which = faces.hit(camera.p_WC, rays.reshape(-1, 3))[0].reshape(rays.shape[:2])
-    seen = np.append(level, False)[which]  # -1, no face, is the last one
-    border = max(1, round(TUNING.border * camera.width / 640 / TUNING.stride))
-    seen = ndimage.binary_erosion(seen, np.ones((3, 3)), border, border_value=1)
-    whole = np.kron(seen, np.ones((TUNING.stride, TUNING.stride), dtype=bool))
-    there = whole[: picture.depth.shape[0], : picture.depth.shape[1]] & (picture.depth > 0)
-    for low, high in (learning.from_bin, learning.into_bin, learning.platform):
-        there &= ~((points[..., :2] > low[:2]) & (points[..., :2] < high[:2])).all(-1)
+    raised = (np.abs(faces.middle - 0.5 * (low + high)) < 0.5 * (high - low) + TUNING.level).all(axis=1)
+    where = _faces_seen(picture, faces, np.array([level | raised, raised]))
+    there = where[0] & ~where[1] & ~_within(points, low, high)
+    # Beside the platform its sides and edges are seen, too; of what is higher than it they are no part.
+    there |= where[0] & (points[..., 2] > high[2] + TUNING.rim)
+    there &= picture.depth > 0
+    for bottom, top in (learning.from_bin, learning.into_bin):
+        there &= ~_within(points, np.array(bottom), np.array(top))
     if others is not None:
         there &= ~others
     rows = np.argwhere(there & (points[..., 2] > table + TUNING.level))
     arm = robot.near(points[tuple(rows.T)], picture.q, TUNING.robot, picture.fingers)
     there[tuple(rows[arm].T)] = False
-    return things_at(picture, there, table, beside=True)
+    return [_stopped_by_bins(one, learning) for one in things_at(picture, there, table, beside=True)]
+
+
+def _stopped_by_bins(thing: SeenThing, learning: Learning) -> SeenThing:
+    """Return a thing beside the bins that may go on beyond the picture's border over their rims, not through walls."""
+    free = np.ones(len(thing.beyond), dtype=bool)
+    for bottom, top in (learning.from_bin, learning.into_bin):
+        free &= ~_within(thing.beyond, np.array(bottom), np.array(top)) | (thing.beyond[:, 2] > top[2])
+    return replace(thing, beyond=thing.beyond[free])
+
+
+def _faces_seen(
+    picture: Picture, faces: KnownFaces, kinds: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Return where (H, W) a picture should surely show faces of a first kind, and may show some of a second one.
+
+    Args:
+        picture: as taken.
+        faces: F of them, in W.
+        kinds: (2, F) which are of each kind.
+    """
+    camera, step = picture.camera, slice(None, None, TUNING.stride)
+    rays = camera.rays()[step, step] @ camera.R_WC.T
+    which = faces.hit(camera.p_WC, rays.reshape(-1, 3))[0].reshape(rays.shape[:2])
+    surely, maybe = (np.append(kind, False)[which] for kind in kinds)  # -1, no face, is the last one
+    border = max(1, round(TUNING.border * camera.width / 640 / TUNING.stride))
+    surely = ndimage.binary_erosion(surely, np.ones((3, 3)), border, border_value=1)
+    maybe = ndimage.binary_dilation(maybe, np.ones((3, 3)), border)
+    whole = np.kron(np.array([surely, maybe]), np.ones((1, TUNING.stride, TUNING.stride), dtype=bool))
+    height, width = picture.depth.shape
+    return whole[0, :height, :width], whole[1, :height, :width]
 
 
 def upright_points(faces: KnownFaces, thing: SeenThing) -> list[Array]:

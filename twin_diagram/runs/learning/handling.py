@@ -17,6 +17,7 @@ from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.grasps import Gripper
 from twin_diagram.runs.learning.beside_bin import (
     lying,
+    over_platform,
     stand_about,
     stand_about_rest,
     support_of,
@@ -95,6 +96,8 @@ class Tools:
 def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Picture, list[SeenThing]]:
     """Return a picture of the bin and what rests in it and beside it, without what was given up; the arm is at home.
 
+    What lies on the platform comes first: others are to be set down there.
+
     Raises:
         LearningError: the arm cannot get out of the way.
         StationError: that camera, or the one to which things are to be shown, measures nothing.
@@ -108,6 +111,7 @@ def look_into_bin(tools: Tools, given_up: Sequence[Sequence[float]]) -> tuple[Pi
     things = lying(picture, tools.learning, tools.faces, tools.robot)
     gone = np.array([place[:3] for place in given_up]).reshape(-1, 3)
     left = [t for t in things if (np.linalg.norm(gone - t.middle, axis=1) > TUNING.same_place).all()]
+    left.sort(key=lambda one: not over_platform(one, tools.learning))
     if left:  # nothing is taken that could not be shown
         refuse_blind(tools.learning.scan_camera, tools.cell.look(tools.learning.scan_camera).depth)
     return picture, left

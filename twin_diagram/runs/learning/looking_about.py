@@ -10,7 +10,7 @@ import numpy as np
 from twin_diagram.errors import StationError
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.runs.learning.beside_bin import TUNING as BESIDE
-from twin_diagram.runs.learning.beside_bin import things_beside
+from twin_diagram.runs.learning.beside_bin import support_of, things_beside
 from twin_diagram.runs.learning.bin_view import SeenThing, things_within
 from twin_diagram.runs.learning.camera_check import KnownFaces
 from twin_diagram.runs.learning.cell import Cell, Picture
@@ -90,15 +90,16 @@ def _found(cell: Cell, learning: Learning, faces: KnownFaces, robot: RobotShape)
         yield before_platform(scan, learning, robot)
     except StationError as why:
         dark = why
-    table = learning.platform[0][2]
     try:
         above = steady_picture(cell, learning.bin_camera)
-        yield [LyingAbout(one, table, above) for one in things_beside(above, learning, faces, robot)]
+        yield [
+            LyingAbout(one, support_of(one, learning), above) for one in things_beside(above, learning, faces, robot)
+        ]
     except StationError:
         pass  # the other camera sees most of the table, too
     if scan is None:
         raise dark
-    yield [LyingAbout(one, table, scan) for one in things_beside(scan, learning, faces, robot)]
+    yield [LyingAbout(one, support_of(one, learning), scan) for one in things_beside(scan, learning, faces, robot)]
 
 
 def on_platform(picture: Picture, learning: Learning, robot: RobotShape) -> list[LyingAbout]:

@@ -57,6 +57,12 @@ class Tuning:
     line_step: float = 0.008
     """Between points of a straight line of the tool [m]."""
 
+    line_steps: int = 12
+    """Of the search for joint angles at each such point: three do where no limit is near."""
+
+    line_off: float = 2e-3
+    """The tool may be off such a point [m], [rad]; where no limit is near it is off by less than a millionth."""
+
     line_jump: float = 0.25
     """A joint that moves farther from one such point to the next has changed its branch [rad]."""
 
@@ -302,7 +308,7 @@ class Mover:
         start = self.tool(q)
         distance = float(np.linalg.norm(X_WT[:3, 3] - start[:3, 3]))
         count = max(2, int(np.ceil(distance / TUNING.line_step)))
-        line = self.through(q, [_between(start, X_WT, k / count) for k in range(1, count + 1)])
+        line = self.through(q, between(start, X_WT, np.arange(1, count + 1) / count))
         if clearance is not None and not self.free(line[1:], clearance, standing=False).all():
             raise NoWay("something is in the way of a straight line of the tool")
         return line
@@ -323,16 +329,8 @@ class Mover:
 
     def _stepped(self, q: Array, X_WT: Array) -> Array:
         """Return the joint angles of a pose near to those that are given."""
-        chain = self.scene.chain
-        for _ in range(12):
-            placement = chain.place(q[None])
-            error = inverse_kinematics.pose_error(chain.tool(placement), X_WT)[0]
-            if float(np.abs(error).max()) < 1e-6:
-                break
-            J = chain.tool_jacobian(placement)[0]
-            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(6), error), self.lower, self.upper)
-        error = inverse_kinematics.pose_error(chain.tool(chain.place(q[None])), X_WT)[0]
-        if float(np.abs(error).max()) > 2e-3:
+        q, error = inverse_kinematics.nearby(self.scene.chain, X_WT, q, self.lower, self.upper, TUNING.line_steps)
+        if float(np.abs(error).max()) > TUNING.line_off:
             raise NoWay("a joint's limit is in the way of a straight line of the tool")
         return q
 
@@ -350,12 +348,13 @@ class Mover:
         return TimedPath(took * s, np.array([fraction_along(line, float(share)) for share in blend]))
 
 
-def _between(X_A: Array, X_B: Array, share: float) -> Array:
-    """Return the pose at a share of the way between two poses (4, 4)."""
+def between(X_A: Array, X_B: Array, shares: Array) -> list[Array]:
+    """Return the poses (4, 4) at shares (N,) of the way between two poses (4, 4)."""
     from scipy.spatial.transform import Rotation, Slerp
 
-    turn = Slerp([0.0, 1.0], Rotation.from_matrix([X_A[:3, :3], X_B[:3, :3]]))(share).as_matrix()
-    return pose(turn, (1.0 - share) * X_A[:3, 3] + share * X_B[:3, 3])
+    turns = Slerp([0.0, 1.0], Rotation.from_matrix([X_A[:3, :3], X_B[:3, :3]]))(shares).as_matrix()
+    places = (1.0 - shares)[:, None] * X_A[:3, 3] + shares[:, None] * X_B[:3, 3]
+    return [pose(R, p) for R, p in zip(turns, places, strict=True)]
 
 
 def columns(points: Array, support: float, edge: float) -> list[Box]:

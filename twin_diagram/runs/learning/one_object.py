@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -25,9 +25,12 @@ from twin_diagram.runs.learning.seeking import Sought, as_lying, seek
 from twin_diagram.runs.learning.setting_down import PutDown
 from twin_diagram.runs.learning.shape_worker import FRAMES
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
+from twin_diagram.runs.learning.weighing import Slipping
 
 Stage = Callable[[str, str], AbstractContextManager[dict[str, Any]]]
 """Tells of an object's stage, by both names, while its block runs; what the block puts in goes with it."""
+SWINGS: Final = 3
+"""Times that it is tried to swing an object: as it is held, in another grasp, and more gently."""
 Queue = Callable[[str, Path], None]
 """Takes the name and the folder of an object whose shape is to be made."""
 
@@ -161,18 +164,26 @@ class OneObject:
             return handling.put_away(self._tools, self.shown, self._standing)
 
     def weigh(self) -> None:
-        """Swing what is held, in another grasp where this one hardly holds it; or else its shape alone tells of it."""
-        for last in (False, True):
+        """Swing what is held, in another grasp where this one hardly holds it; or else its shape alone tells of it.
+
+        What turns between the fingers though no other grasp is to be had is swung more gently.
+        """
+        gentle, elsewhere = 1.0, True
+        for _ in range(SWINGS):
             try:
                 with self._stage(self.one.name, "weigh") as told:
-                    told["mass"] = swinging.weigh_held(self._tools, self.shown, self._folder)
+                    told["mass"] = swinging.weigh_held(self._tools, self.shown, self._folder, gentle)
                     assert self.shown.swung is not None
                     told["use"] = self.shown.swung.use
                 return
             except (NoWay, WeighingError) as why:
                 self.shown.notes.append(f"not weighed: {why}")
-                firmer = isinstance(why, WeighingError) and len(self.shown.X_ST) < self._tools.learning.most_grasps
-                if last or not firmer or not self._once_more(firm=True):
+                firmer = elsewhere and len(self.shown.X_ST) < self._tools.learning.most_grasps
+                if isinstance(why, WeighingError) and firmer and self._once_more(firm=True):
+                    elsewhere = False
+                elif isinstance(why, Slipping):
+                    gentle *= swinging.TUNING.gentler
+                else:
                     return
 
     def _seek(self, picked: Picked) -> None:

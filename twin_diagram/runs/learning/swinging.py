@@ -54,18 +54,24 @@ class Tuning:
     """Half of the edge of the box that stands for a camera [m]."""
 
     gentler: float = 0.5
-    """Share of what the first swing asked of the grip that one asks in which it slid far: what was slid by was asked
-    for once too much, by how much nobody knows."""
+    """Share of what the first swing asked of the grip, beyond what it takes at rest, that one asks after that in which
+    it slid far, or turned: what was slid by was asked for once too much, by how much nobody knows."""
 
 
 TUNING = Tuning()
 
 
-def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
+def weigh_held(tools: Tools, shown: ShownObject, folder: Path, gentle: float = 1.0) -> float:
     """Swing what is held, keep the arm's messages in a folder, and return the mass that was first thought of [kg].
 
     What slid far meanwhile is swung once more, more gently, from where it lies then; kept is the swing in which it
     slid less. How far that was stands with its messages.
+
+    Args:
+        tools: of the cell.
+        shown: what is held.
+        folder: of its data.
+        gentle: share of what may usually be asked of the grip beyond what it takes at rest.
 
     Raises:
         NoWay: there is no room for it.
@@ -75,7 +81,7 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     with kept_clear(tools):
         mass = weigh_at_rest(tools.model, tools.mover, tools.cell)
         shown.mass_at_rest = mass if tools.cell.opening > PICKING.empty else shown.mass_at_rest
-        swung, shown.swung = _swing(tools, shown, mass)
+        swung, shown.swung = _swing(tools, shown, mass, gentle)
     swung = _seen_after(tools, shown, swung)
     write_swung(folder / SWUNG, swung)
     if slid_by(swung) < 1.0:
@@ -83,7 +89,7 @@ def weigh_held(tools: Tools, shown: ShownObject, folder: Path) -> float:
     shown.notes.append(f"it {_told(swung)} while it was swung, and was swung once more")
     try:
         with kept_clear(tools):
-            again, motion = _swing(tools, shown, mass, TUNING.gentler)
+            again, motion = _swing(tools, shown, mass, gentle * TUNING.gentler)
     except (NoWay, WeighingError) as why:
         shown.notes.append(f"not swung once more: {why}")
         return mass
@@ -115,7 +121,7 @@ def kept_clear(tools: Tools) -> Iterator[None]:
         yield
 
 
-def _swing(tools: Tools, shown: ShownObject, mass: float, gentle: float = 1.0) -> tuple[Swung, Excitation]:
+def _swing(tools: Tools, shown: ShownObject, mass: float, gentle: float) -> tuple[Swung, Excitation]:
     """Swing what is held; raises as `weigh_held`. Where it turns between the fingers, how it lies then is seen."""
     X_TS = np.asarray(np.linalg.inv(shown.X_ST[-1]), dtype=float)
     points = shown.followed.points

@@ -172,7 +172,7 @@ def best_motion(
         cell: whose fingers hold it.
         seconds: length of the motion [s].
         mass: that it is taken to have [kg].
-        gentle: share of what may usually be asked of the grip.
+        gentle: see `share_of`.
 
     Raises:
         WeighingError: no motion is within the limits.
@@ -189,25 +189,27 @@ def best_motion(
         Shape.box(high - low).even(mass),
         posture,
         limits=limits,
-        grip=replace(grip, share=gentle * share_of(grip, mass, X_TO[:3, 3])),
+        grip=replace(grip, share=share_of(grip, mass, X_TO[:3, 3], gentle)),
         clear=lambda q: np.asarray((mover.room(q, kept) >= 0.0).all(axis=1)),
         plan=ExcitationPlan(period=seconds, harmonics=TUNING.harmonics, starts=1, steps=TUNING.steps),
         room=lambda q: mover.room(q, kept),
     )
 
 
-def share_of(grip: Grip, mass: float, centre_T: Array) -> float:
-    """Return the share of what a grip carries that swinging may ask for.
+def share_of(grip: Grip, mass: float, centre_T: Array, gentle: float = 1.0) -> float:
+    """Return the share of what a grip carries that swinging may ask for, never less than what is asked of it at rest.
 
     Args:
         grip: that holds it.
         mass: of what hangs in it [kg], the tool pointing down.
         centre_T: (3,) its centre of mass in the tool's frame [m].
+        gentle: share of what may usually be asked beyond what it takes at rest.
     """
     force = np.array([0.0, 0.0, 9.81 * mass])
     wrench = np.concatenate([force, np.cross(centre_T - np.array(grip.centre), force)])
     at_rest = float(replace(grip, share=1.0).use(wrench[None])[0])
-    return float(np.clip(TUNING.beyond_rest * at_rest, TUNING.share, TUNING.most))
+    beyond = 1.0 + gentle * (TUNING.beyond_rest - 1.0)
+    return float(np.clip(beyond * at_rest, gentle * TUNING.share, TUNING.most))
 
 
 def swing_held(
@@ -232,7 +234,7 @@ def swing_held(
         p_SO: (3,) where its centre of mass is thought to be [m].
         seconds: length of the motion [s].
         mass: of `first_mass` [kg].
-        gentle: see `best_motion`.
+        gentle: see `share_of`.
 
     Raises:
         NoWay: there is no way to where it begins.
