@@ -8,6 +8,10 @@ import numpy.typing as npt
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.signals.arrays import Array
 
+Group = tuple[int, int, npt.NDArray[np.int64], Array, Array]
+"""Joint, number k of coefficients, indices (m,) of candidates, their columns (R, m k) side by side, and each one's
+inner products (m, k, k)."""
+
 
 class OfferedColumns:
     """Knows which candidates are offered, and keeps their columns stacked until another one is."""
@@ -25,7 +29,7 @@ class OfferedColumns:
         self._columns = columns
         self._offered: list[bool] = []
         self._several: tuple[list[int], Array] | None = None
-        self._groups: list[tuple[int, int, npt.NDArray[np.int64], Array]] | None = None
+        self._groups: list[Group] | None = None
 
     def add(self, offered: bool) -> None:
         """Note whether the next candidate is offered."""
@@ -56,15 +60,16 @@ class OfferedColumns:
             self._several = indices, stacked.reshape(n * rows, stacked.shape[2])
         return self._several
 
-    def by_joint(self) -> list[tuple[int, int, npt.NDArray[np.int64], Array]]:
+    def by_joint(self) -> list[Group]:
         """Return candidates of one row, by joint and number of coefficients, side by side."""
         if self._groups is None:
             keys: dict[tuple[int, int], list[int]] = {}
             for k, candidate in enumerate(self._candidates):
                 if len(candidate.rows) == 1 and self._offered[k]:
                     keys.setdefault((candidate.rows[0], candidate.size), []).append(k)
-            self._groups = [
-                (j, size, np.array(indices), np.concatenate([self._columns[k][0] for k in indices], axis=1))
-                for (j, size), indices in keys.items()
-            ]
+            self._groups = []
+            for (j, size), indices in keys.items():
+                X = np.concatenate([self._columns[k][0] for k in indices], axis=1)
+                parts = X.reshape(len(X), len(indices), size).transpose(1, 2, 0)
+                self._groups.append((j, size, np.array(indices), X, parts @ parts.transpose(0, 2, 1)))
         return self._groups

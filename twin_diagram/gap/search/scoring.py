@@ -42,14 +42,13 @@ def score_candidates(bench: Bench, members: Members) -> Array:
     Q = basis(bench, members)
     projected = np.einsum("jrk,jr->k", Q, bench.y) if Q.shape[2] else np.zeros(0)
     result = np.full(len(bench.candidates), -np.inf)
-    for j, size, indices, X in bench.offered.by_joint():
+    for j, size, indices, X, own in bench.offered.by_joint():
         C = Q[j].T @ X
-        result[indices] = _increments(
-            X.reshape(bench.rows, len(indices), size),
-            C.reshape(-1, len(indices), size),
-            X.T @ bench.y[j] - C.T @ projected,
-            [bench.candidates[k] for k in indices],
-        )
+        candidates = [bench.candidates[k] for k in indices]
+        apart = C.reshape(-1, len(indices), size).transpose(1, 2, 0)
+        b = (X.T @ bench.y[j] - C.T @ projected).reshape(len(indices), size)
+        spread = np.stack([candidate.spread for candidate in candidates])
+        result[indices] = increment(own - apart @ apart.transpose(0, 2, 1), b, spread, candidates)
     flat = Q.reshape(bench.n * bench.rows, Q.shape[2])
     several, wide = bench.offered.wide()
     C = flat.T @ wide
@@ -66,14 +65,7 @@ def score_candidates(bench: Bench, members: Members) -> Array:
         spread = np.stack([candidate.spread for candidate in candidates])
         G, b = (np.stack([part[i] for part in group]) for i in (1, 2))
         result[[k for k, _, _ in group]] = increment(G, b, spread, candidates)
-    costs = np.array([candidate.price for candidate in bench.candidates])
-    return result - costs
-
-
-def _increments(X: Array, C: Array, b: Array, candidates: list[Candidate]) -> Array:
-    G = np.einsum("rmi,rmk->mik", X, X, optimize=True) - np.einsum("kmi,kmj->mij", C, C, optimize=True)
-    spread = np.stack([candidate.spread for candidate in candidates])
-    return increment(G, b.reshape(len(candidates), -1), spread, candidates)
+    return result - np.array(bench.prices)
 
 
 def score_candidate(
