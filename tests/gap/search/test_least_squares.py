@@ -233,12 +233,15 @@ def test_offered_columns_stand_side_by_side() -> None:
     several, wide = bench.offered.wide()
     assert several == [1, 3] and wide.shape == (N * bench.rows, 4)
     np.testing.assert_allclose(wide, np.concatenate([dense(bench, 1), dense(bench, 3)], axis=1))
-    groups = {(j, size): (list(indices), X, own) for j, size, indices, X, own in bench.offered.by_joint()}
-    assert {key: indices for key, (indices, *_) in groups.items()} == {(0, 1): [0, 5], (1, 3): [2], (2, 1): [4]}
-    np.testing.assert_allclose(groups[0, 1][1], np.column_stack([bench.columns[0][0, :, 0], bench.columns[5][0, :, 0]]))
-    for (_, size), (indices, X, own) in groups.items():
-        parts = X.reshape(bench.rows, len(indices), size)
-        np.testing.assert_allclose(own, np.einsum("rmi,rmk->mik", parts, parts))
+    groups = {(one.joint, one.spread.shape[1]): one for one in bench.offered.by_joint()}
+    assert {key: list(one.indices) for key, one in groups.items()} == {(0, 1): [0, 5], (1, 3): [2], (2, 1): [4]}
+    np.testing.assert_allclose(
+        groups[0, 1].columns, np.column_stack([bench.columns[0][0, :, 0], bench.columns[5][0, :, 0]])
+    )
+    for (joint, size), one in groups.items():
+        parts = one.columns.reshape(bench.rows, len(one.indices), size)
+        np.testing.assert_allclose(one.own, np.einsum("rmi,rmk->mik", parts, parts))
+        np.testing.assert_allclose(one.right, np.einsum("rmi,r->mi", parts, bench.y[joint]))
     assert isinstance(bench.offered, OfferedColumns)
 
 

@@ -86,7 +86,7 @@ class Bench:
         self.right: list[Array] = []
         self.prices: list[float] = []
         self.products = InnerProducts(self.y, self.candidates, self.columns)
-        self.offered = OfferedColumns((self.n, self.rows), self.candidates, self.columns)
+        self.offered = OfferedColumns((self.n, self.rows), self.candidates, self.columns, self.right)
         self.solver = HypothesisSolver(self.candidates, self.products, self.counts, self.finest)
         self.solver.nuisances = tuple(self.add(candidate) for candidate in nuisances)
         for candidate in candidates:

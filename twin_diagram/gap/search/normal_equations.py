@@ -74,9 +74,11 @@ def coefficients(right: Array, between: Array, variance: Array, spread: Array) -
     if wrong:
         raise LinAlgError("not positive definite")
     c, _ = dpotrs(factor, (1.0 / variance) @ right, lower=1)
-    half = np.tril(dpotri(factor, lower=1)[0])
+    half = dpotri(factor, lower=1)[0]  # above whose diagonal there is nothing, as in the factor
+    covariance = half + half.T
+    covariance.flat[:: len(S) + 1] *= 0.5
     logdet = 2.0 * float(np.sum(np.log(np.diag(factor)) + np.log(spread)))
-    return c, half + np.tril(half, -1).T, logdet
+    return c, covariance, logdet
 
 
 def increments(G: Array, b: Array, spread: Array) -> Array:
