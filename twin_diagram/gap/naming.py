@@ -21,7 +21,7 @@ from twin_diagram.gap.search.backlash_gaps import Knocks
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.borrowed_load import borrowing
 from twin_diagram.gap.search.evidence import HypothesisFit, Members
-from twin_diagram.gap.search.greedy_search import Polish, climb, plainer, search, worth
+from twin_diagram.gap.search.greedy_search import Polish, climb, plainer, possible, search, worth
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
 from twin_diagram.gap.search.proposals import Proposer
 from twin_diagram.gap.search.shape_refinement import refine
@@ -196,7 +196,7 @@ def searched_again(
         borrowed = borrowing(bench, fit, terms.reduce(terms.load), transmitted)
         if not borrowed:
             break
-        fit = bench.solve(fit.members - borrowed)
+        fit = possible(bench, bench.solve(fit.members - borrowed))
     return terms, bench, fit
 
 

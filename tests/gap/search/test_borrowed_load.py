@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from tests.gap.search.test_evidence import candidate
+from tests.gap.search.test_evidence import JOINTS, ROWS, candidate, white
 from tests.gap.test_naming import GIVEN, log_of
+from twin_diagram.gap import naming
 from twin_diagram.gap.naming import name
+from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.borrowed_load import borrowing
+from twin_diagram.gap.verdict.posterior import most_probable
 from twin_diagram.scenario import EffectSpec
 
 RNG = np.random.default_rng(0)
@@ -41,3 +45,27 @@ def test_the_rotor_of_a_light_wrist_is_no_gain() -> None:
     verdict = name(GIVEN, [log_of([EffectSpec("reflected_inertia", joints, [], {"inertia": [0.9, 0.17]})])])
     assert [(f.name, f.joints) for f in verdict.findings] == [("reflected_inertia", tuple(joints))]
     assert not verdict.remainder
+
+
+def test_what_leant_on_a_borrowed_gain_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the gain the friction beside it would be negative; another joint's stands."""
+    rng = np.random.default_rng(1)
+    friction, other, apart = rng.normal(size=(3, ROWS))
+    gain = candidate("torque_constant", 0, 0.3 * apart - friction)
+    rubs = [replace(candidate("coulomb_friction", j, x), lower=np.zeros(1)) for j, x in ((0, friction), (1, other))]
+    y = 0.1 * rng.normal(size=(ROWS, JOINTS))
+    y[:, 0] += 2.5 * gain.columns[:, 0, 0] + friction
+    y[:, 1] += 2.0 * other
+    bench = Bench(y, white(0.1), [gain, *rubs], [])
+    every = bench.solve(frozenset({0, 1, 2}))
+    assert np.isfinite(every.evidence)
+    assert not np.isfinite(bench.solve(frozenset({1, 2})).evidence)
+
+    terms, nothing = SimpleNamespace(reduce=lambda x: x, load=y), cast(Any, None)
+    monkeypatch.setattr(naming, "given_load", lambda records: y)
+    monkeypatch.setattr(naming, "contribution_of", lambda *given, **named: np.zeros_like(y))
+    monkeypatch.setattr(naming, "search_again", lambda *given: (terms, bench, every))
+    monkeypatch.setattr(naming, "borrowing", lambda *given: frozenset({0}))
+    fit = naming.searched_again(nothing, nothing, bench, every, nothing, nothing)[2]
+    assert fit.members == {2}
+    assert most_probable(bench, fit) is every  # which the verdict then says

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.linalg import LinAlgError
 
 from tests.gap.made import ARM, BAND, RATE, record, swing, swinging
 from twin_diagram.gap.candidates.candidate import Candidate, linear
@@ -16,7 +18,14 @@ from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search import smooth_fit
 from twin_diagram.gap.search.bench import Bench, likelihood_gain, noise_distance, noise_of
 from twin_diagram.gap.search.inner_products import InnerProducts
-from twin_diagram.gap.search.normal_equations import coefficients, increment, increments, smaller, solutions
+from twin_diagram.gap.search.normal_equations import (
+    coefficients,
+    increment,
+    increments,
+    smaller,
+    smaller_each,
+    solutions,
+)
 from twin_diagram.gap.search.offered_columns import OfferedColumns
 from twin_diagram.gap.search.prior_costs import compatible
 from twin_diagram.gap.search.scoring import basis, score_candidate, score_candidates
@@ -79,18 +88,16 @@ def test_inner_products_are_those_of_the_whole_columns() -> None:
         np.testing.assert_allclose(bench.right[i], dense(bench, i).T @ bench.y.ravel(), atol=1e-12)
 
 
-def test_inner_products_on_a_joint_have_the_residual_first() -> None:
+def test_stacked_inner_products_are_those_of_each_joint() -> None:
+    """Asked twice of what is remembered, and with nothing on a joint."""
     bench = bench_of()
-    order = (3, 2, 1, 0)
-    rows = bench.rows
-    for j in range(N):
-        index, G = bench.products.on_joint(order, j)
-        parts = [dense(bench, k).reshape(N, rows, -1)[j] for k in order]
-        stacked = np.concatenate(parts, axis=1)
-        there = np.flatnonzero(np.any(stacked != 0.0, axis=0))
-        np.testing.assert_array_equal(index, there)
-        both = np.column_stack([bench.y[j], stacked[:, there]])
-        np.testing.assert_allclose(G, both.T @ both, atol=1e-12)
+    for order in ((3, 2, 1, 0), (2, 1), (3, 2, 1, 0), (2,), ()):
+        square, right, between = bench.products.stacked(order)
+        parts = [dense(bench, k).reshape(N, bench.rows, -1) for k in order]
+        X = np.concatenate([np.zeros((N, bench.rows, 0)), *parts], axis=2)
+        np.testing.assert_allclose(square, np.sum(bench.y**2, axis=1))
+        np.testing.assert_allclose(right, np.einsum("jrk,jr->jk", X, bench.y), atol=1e-12)
+        np.testing.assert_allclose(between, X.transpose(0, 2, 1) @ X, atol=1e-12)
     assert isinstance(bench.products, InnerProducts)
 
 
@@ -102,13 +109,24 @@ def test_generalised_least_squares_with_a_prior() -> None:
     X = np.concatenate([dense(bench, k) for k in order], axis=1)
     W = np.repeat(1.0 / variance, bench.rows)
     S = X.T @ (W[:, None] * X) + np.diag(spread**-2.0)
-    joints = [bench.products.on_joint(order, j) for j in range(N)]
-    c, covariance, logdet = coefficients(joints, variance, spread)
+    _, right, between = bench.products.stacked(order)
+    c, covariance, logdet = coefficients(right, between, variance, spread)
     np.testing.assert_allclose(covariance, np.linalg.inv(S), rtol=1e-9)
     np.testing.assert_allclose(c, np.linalg.solve(S, X.T @ (W * bench.y.ravel())), rtol=1e-9)
     assert logdet == pytest.approx(np.linalg.slogdet(S @ np.diag(spread**2))[1])
-    nothing, _, none = coefficients([(np.zeros(0, dtype=np.int64), np.ones((1, 1)))], np.ones(1), np.zeros(0))
+    nothing, _, none = coefficients(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.ones(1), np.zeros(0))
     assert none == 0.0 and not len(nothing)
+    with pytest.raises(LinAlgError):  # two columns that are one, and no prior
+        coefficients(np.zeros((1, 2)), np.ones((1, 2, 2)), np.ones(1), np.full(2, np.inf))
+
+
+def test_widths_side_by_side_are_those_of_each_effect() -> None:
+    sizes = np.array([1, 3, 2, 1])
+    rng = np.random.default_rng(5)
+    c, variance, spread = 0.2 * rng.normal(size=7), 0.01 * rng.uniform(size=7), rng.uniform(1.0, 2.0, 7)
+    ends = np.cumsum([0, *sizes])
+    one_by_one = [smaller(c[a:b], variance[a:b], spread[a:b]) for a, b in pairwise(ends)]
+    np.testing.assert_allclose(smaller_each(sizes, c, variance, spread), one_by_one)
 
 
 def evidence(G: Array, b: Array, spread: Array) -> float:
@@ -215,9 +233,15 @@ def test_offered_columns_stand_side_by_side() -> None:
     several, wide = bench.offered.wide()
     assert several == [1, 3] and wide.shape == (N * bench.rows, 4)
     np.testing.assert_allclose(wide, np.concatenate([dense(bench, 1), dense(bench, 3)], axis=1))
-    groups = {(j, size): (list(indices), X) for j, size, indices, X in bench.offered.by_joint()}
-    assert {key: indices for key, (indices, _) in groups.items()} == {(0, 1): [0, 5], (1, 3): [2], (2, 1): [4]}
-    np.testing.assert_allclose(groups[0, 1][1], np.column_stack([bench.columns[0][0, :, 0], bench.columns[5][0, :, 0]]))
+    groups = {(one.joint, one.spread.shape[1]): one for one in bench.offered.by_joint()}
+    assert {key: list(one.indices) for key, one in groups.items()} == {(0, 1): [0, 5], (1, 3): [2], (2, 1): [4]}
+    np.testing.assert_allclose(
+        groups[0, 1].columns, np.column_stack([bench.columns[0][0, :, 0], bench.columns[5][0, :, 0]])
+    )
+    for (joint, size), one in groups.items():
+        parts = one.columns.reshape(bench.rows, len(one.indices), size)
+        np.testing.assert_allclose(one.own, np.einsum("rmi,rmk->mik", parts, parts))
+        np.testing.assert_allclose(one.right, np.einsum("rmi,r->mi", parts, bench.y[joint]))
     assert isinstance(bench.offered, OfferedColumns)
 
 

@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.gap.made import ARM, PAN
+from tests.gap.made import ARM, ELBOW, PAN
 from tests.gap.whole_robot.test_explain import noisy
 from tests.gap_bench import arm, run
-from twin_diagram.gap.residuals.stiction import slides, unmoved
+from twin_diagram.gap.findings import Finding, Verdict
+from twin_diagram.gap.residuals.stiction import one_way, slides, unmoved
 from twin_diagram.gap.whole_robot import late_torque
 from twin_diagram.gap.whole_robot.concluding import own_terms
 from twin_diagram.gap.whole_robot.explain import begun, settled
+from twin_diagram.gap.whole_robot.few_or_whole import told_of_one_way
 from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, without_held
 from twin_diagram.gap.whole_robot.late_torque import one_late
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
@@ -108,6 +110,27 @@ def test_a_joint_is_unmoved_that_no_run_moves() -> None:
     assert not unmoved(replace(whole.sums.records, records=(still, record))).any()
     slow = replace(record, v=0.01 * record.v)  # as far, in a hundred times the time
     assert not unmoved(replace(whole.sums.records, records=(slow,))).any()
+
+
+def test_a_joint_that_slides_one_way_only_has_friction_and_offset_in_one() -> None:
+    """A run in which it turns the other way parts them; what it is held back by is no such turn."""
+    whole, _ = held()
+    (record,) = whole.sums.records.records
+    forward = replace(record, v=record.v.copy())
+    forward.v[:, ELBOW] = np.abs(record.v[:, ELBOW])
+    forward.v[:20, ELBOW] = -0.1  # for a tenth of a second
+    records = replace(whole.sums.records, records=(forward,))
+    assert not one_way(whole.sums.records).any()
+    assert one_way(records).tolist() == [joint == ELBOW for joint in range(6)]
+    assert not one_way(replace(records, records=(forward, record))).any()
+
+    def told(name: str, joint: int) -> list[str]:
+        finding = Finding(name, (records.model.joints[joint],), (), {}, 0.9)
+        return told_of_one_way(Verdict("named", True, (finding,), (), (), np.ones(6)), records)
+
+    (said,) = told("coulomb_friction", ELBOW)
+    assert said.startswith("elbow_joint: turns one way only")
+    assert not told("coulomb_friction", PAN) and not told("viscous_friction", ELBOW)
 
 
 @pytest.mark.long

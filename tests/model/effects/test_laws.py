@@ -194,6 +194,14 @@ def test_a_curve_bends_within_half_a_piece_beyond_its_ends() -> None:
     made("joint_spring", ["b"], curve=[0.0, 1.0, 2.0, 1.0])
 
 
+def test_a_curve_is_made_once_for_all_that_ask_for_its_torque() -> None:
+    numbers = [0.0, 0.2, 0.6, 0.0, 3.0, 4.0]
+    one, same, other = (made("joint_spring", ["b"], curve=c) for c in (numbers, numbers, [*numbers[:5], 5.0]))
+    assert isinstance(one, JointSpring) and isinstance(same, JointSpring) and isinstance(other, JointSpring)
+    assert one.curve() is same.curve()
+    assert float(other.curve()(np.array(0.6))) == pytest.approx(5.0)
+
+
 def test_inertia_is_that_of_points() -> None:
     """Moments by sums over points, centres moved by Steiner's theorem, slopes by differences."""
     points, masses = RNG.standard_normal((5, 3)), RNG.uniform(0.5, 2.0, 5)

@@ -75,7 +75,10 @@ class Candidate:
 
     def allows(self, coefficients: Array) -> bool:
         """Return whether coefficients are physical."""
-        inside = bool(np.all(coefficients >= self.lower) and np.all(coefficients <= self.upper))
+        if len(coefficients) == 1:  # most: without arrays, as this is asked of everything that is scored
+            inside = bool(self.lower[0] <= coefficients[0] <= self.upper[0])
+        else:
+            inside = bool(np.all(coefficients >= self.lower) and np.all(coefficients <= self.upper))
         return inside and (self.admits is None or self.admits(coefficients))
 
     def during(self, active: Array, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Candidate:

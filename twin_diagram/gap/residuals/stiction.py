@@ -168,6 +168,17 @@ def unmoved(records: Records) -> npt.NDArray[np.bool_]:
     return np.asarray(still & ~np.all(still))
 
 
+def one_way(records: Records) -> npt.NDArray[np.bool_]:
+    """Return (n,) which joints slide one way only in all runs: dry friction there is a constant, as an offset is.
+
+    The other way they go no farther than a joint that is held may give way.
+    """
+    ways = np.zeros((2, records.n))
+    for record in records.records:
+        ways += [np.sum(np.maximum(side * record.v, 0.0), axis=0) / record.rate for side in (1.0, -1.0)]
+    return np.asarray(slides(records) & (np.min(ways, axis=0) < TUNING.gives * levers(records)))
+
+
 def clear(records: Records, terms: Terms, j: int) -> Array:
     """Return (ΣD,) 0 where a joint may be sticking, and where the filters spread that, else 1."""
     slow = terms.resting(j)

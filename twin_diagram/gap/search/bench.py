@@ -46,6 +46,7 @@ class Bench:
         candidates: all that were taken in; their places here are their indices.
         columns: (rows, R, k) of each, whitened and weighted.
         right: (k,) inner products of each one's columns with y.
+        prices: of each, see `Candidate.price`.
         products: of columns and residual, remembered.
         offered: which of them a search may choose from.
         solver: of hypotheses.
@@ -83,8 +84,9 @@ class Bench:
         self.candidates: list[Candidate] = []
         self.columns: list[Array] = []
         self.right: list[Array] = []
+        self.prices: list[float] = []
         self.products = InnerProducts(self.y, self.candidates, self.columns)
-        self.offered = OfferedColumns((self.n, self.rows), self.candidates, self.columns)
+        self.offered = OfferedColumns((self.n, self.rows), self.candidates, self.columns, self.right)
         self.solver = HypothesisSolver(self.candidates, self.products, self.counts, self.finest)
         self.solver.nuisances = tuple(self.add(candidate) for candidate in nuisances)
         for candidate in candidates:
@@ -105,6 +107,7 @@ class Bench:
         self.candidates.append(candidate)
         self.columns.append(white)
         self.right.append(np.einsum("jrk,jr->k", white, self.y[list(candidate.rows)]))
+        self.prices.append(candidate.price)
         self.offered.add(offered)
         return len(self.candidates) - 1
 

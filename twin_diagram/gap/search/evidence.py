@@ -18,12 +18,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import LinAlgError
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.search.inner_products import InnerProducts
 from twin_diagram.gap.search.normal_equations import TUNING as NORMAL_EQUATIONS
-from twin_diagram.gap.search.normal_equations import coefficients, smaller
+from twin_diagram.gap.search.normal_equations import coefficients, smaller_each
 from twin_diagram.gap.search.prior_costs import price
 from twin_diagram.signals.arrays import Array
 
@@ -104,7 +105,9 @@ class HypothesisSolver:
         order, n = self.order(members), len(self._counts)
         self.spent += len(order)
         spread = np.concatenate([self._candidates[k].spread for k in order]) if order else np.zeros(0)
-        joints = [self._products.on_joint(order, j) for j in range(n)]
+        square, right, between = self._products.stacked(order)
+        sizes = np.array([self._candidates[k].size for k in order], dtype=np.int64)
+        named = np.array([bool(self._candidates[k].name) for k in order], dtype=bool)
         variance = np.ones(n)
         c: Array = np.zeros(len(spread))
         covariance: Array = np.zeros((0, 0))
@@ -112,14 +115,13 @@ class HypothesisSolver:
         width, told = spread, 0
         for sweep in range(TUNING.passes):
             try:
-                c, covariance, logdet = coefficients(joints, variance, width)
+                c, covariance, logdet = coefficients(right, between, variance, width)
             except LinAlgError:
                 return HypothesisFit(members, -np.inf, c, np.eye(len(spread)), order, variance)
-            for j, (index, G) in enumerate(joints):
-                d = np.concatenate([[1.0], -c[index]])
-                variance[j] = max(float(d @ G @ d), 0.0) / self._counts[j] + self._finest[j]
+            left = square - (2.0 * right - between @ c) @ c
+            variance = np.maximum(left, 0.0) / self._counts + self._finest
             if sweep < TUNING.passes - 1:
-                width, told = self._widths(order, c, np.diag(covariance), spread)
+                width, told = _widths(sizes, named, c, np.diag(covariance), spread)
         likelihood = -0.5 * float(np.sum(self._counts * np.log(variance)))
         evidence = likelihood - 0.5 * float(np.sum((c / width) ** 2)) - 0.5 * logdet
         evidence -= price([self._candidates[k] for k in members], n) + NORMAL_EQUATIONS.scale_price * told
@@ -136,18 +138,24 @@ class HypothesisSolver:
         """Return whether each joint that a candidate names has samples that count."""
         return bool(np.all(self._counts[list(candidate.joints)] > 1.0))
 
-    def _widths(self, order: tuple[int, ...], c: Array, variance: Array, spread: Array) -> tuple[Array, int]:
-        """Return the prior widths of all coefficients, and how many members have one that is worth its price."""
-        result, told, start = spread.copy(), 0, 0
-        for k in order:
-            candidate = self._candidates[k]
-            own = slice(start, start + candidate.size)
-            start += candidate.size
-            scale = float(smaller(c[own], variance[own], spread[own]))
-            if candidate.name and -candidate.size * (np.log(scale) + 0.5) > NORMAL_EQUATIONS.scale_price:
-                result[own] *= scale
-                told += 1
-        return result, told
+
+def _widths(
+    sizes: npt.NDArray[np.int64], named: npt.NDArray[np.bool_], c: Array, variance: Array, spread: Array
+) -> tuple[Array, int]:
+    """Return the prior widths of all coefficients, and how many members have one that is worth its price.
+
+    Args:
+        sizes: (m,) coefficients of each member.
+        named: (m,) whether it has a name.
+        c: (K,) coefficients.
+        variance: (K,) of what is left to know of them.
+        spread: (K,) of the prior.
+    """
+    if not len(sizes):
+        return spread.copy(), 0
+    scale = smaller_each(sizes, c, variance, spread)
+    told = named & (-sizes * (np.log(scale) + 0.5) > NORMAL_EQUATIONS.scale_price)
+    return spread * np.repeat(np.where(told, scale, 1.0), sizes), int(np.sum(told))
 
 
 def _physical(candidates: Sequence[Candidate], order: Sequence[int], coefficients: Array) -> bool:

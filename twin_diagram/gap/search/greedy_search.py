@@ -121,6 +121,22 @@ def climb(
     return fit
 
 
+def possible(bench: Bench, fit: HypothesisFit) -> HypothesisFit:
+    """Return the fit without members that cannot be, where another one on which they leant was taken out of it.
+
+    Of several that would do, the one without which evidence is greatest goes; where none would do alone, one that is
+    not physical itself.
+    """
+
+    def so_far(found: HypothesisFit) -> tuple[float, int]:
+        allowed = (bench.candidates[k].allows(bench.part(found, k)[0]) for k in found.members)
+        return found.evidence, sum(allowed) - len(found.members)
+
+    while fit.members and not np.isfinite(fit.evidence):
+        fit = max((bench.solve(fit.members - {k}) for k in sorted(fit.members)), key=so_far)
+    return fit
+
+
 def additions(bench: Bench, members: Members, count: int = TUNING.tried) -> list[HypothesisFit]:
     """Return the best exact fits with one member more."""
     scores = score_candidates(bench, members)

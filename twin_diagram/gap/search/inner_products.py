@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.signals.arrays import Array
+
+REMEMBERED = 500
+"""Joints' inner products that are kept, of some tens of kilobytes each: those of a step's hypotheses."""
 
 
 class InnerProducts:
@@ -25,6 +27,7 @@ class InnerProducts:
         self._columns = columns
         self._grams: dict[tuple[int, int], Array] = {}
         self._blocks: dict[tuple[int, int, int], Array] = {}
+        self._joints: dict[tuple[int, tuple[int, ...]], Array] = {}
 
     def gram(self, i: int, k: int) -> Array:
         """Return the inner products of two candidates' columns over all joints."""
@@ -38,31 +41,44 @@ class InnerProducts:
             self._grams[k, i] = result.T
         return self._grams[i, k]
 
-    def on_joint(self, order: tuple[int, ...], j: int) -> tuple[npt.NDArray[np.int64], Array]:
-        """Return which coefficients matter on a joint, and the inner products (1 + m, 1 + m) of the residual and them.
+    def stacked(self, order: tuple[int, ...]) -> tuple[Array, Array, Array]:
+        """Return per joint the residual's square (n,), its products with all columns (n, K), and theirs (n, K, K).
 
         Args:
-            order: candidates as they are stacked.
-            j: joint.
+            order: candidates as they are stacked; 0 stands where one does nothing to a joint.
         """
-        index: list[int] = []
-        signals = [-1]
-        start = 0
-        for k in order:
-            size = self._candidates[k].size
-            if j in self._candidates[k].rows:
-                signals.append(k)
-                index += range(start, start + size)
-            start += size
-        starts = np.cumsum([0, 1, *(self._candidates[k].size for k in signals[1:])])
-        G = np.empty((1 + len(index), 1 + len(index)))
+        n, sizes = len(self._y), [self._candidates[k].size for k in order]
+        ends = np.cumsum([0, *sizes])
+        square, right, between = np.empty(n), np.zeros((n, ends[-1])), np.zeros((n, ends[-1], ends[-1]))
+        for j in range(n):
+            there = [at for at, k in enumerate(order) if j in self._candidates[k].rows]
+            index = np.concatenate([np.arange(ends[at], ends[at + 1]) for at in there]) if there else ends[:0]
+            G = self._on_joint(j, tuple(order[at] for at in there))
+            square[j], right[j, index] = G[0, 0], G[0, 1:]
+            between[j, index[:, None], index] = G[1:, 1:]
+        return square, right, between
+
+    def _on_joint(self, j: int, there: tuple[int, ...]) -> Array:
+        """Return the inner products (1 + m, 1 + m) of the residual and of candidates' columns on a joint.
+
+        Hypotheses that are solved one after the other differ on few joints.
+        """
+        known = self._joints.get((j, there))
+        if known is not None:
+            return known
+        signals = (-1, *there)
+        starts = np.cumsum([0, 1, *(self._candidates[k].size for k in there)])
+        G = np.empty((starts[-1], starts[-1]))
         for x, a in enumerate(signals):
             for y in range(x, len(signals)):
                 block = self._block(j, a, signals[y])
                 G[starts[x] : starts[x + 1], starts[y] : starts[y + 1]] = block
                 if x != y:
                     G[starts[y] : starts[y + 1], starts[x] : starts[x + 1]] = block.T
-        return np.array(index, dtype=np.int64), G
+        if len(self._joints) >= REMEMBERED:
+            self._joints.clear()
+        self._joints[j, there] = G
+        return G
 
     def _block(self, j: int, a: int, b: int) -> Array:
         key = (j, a, b)

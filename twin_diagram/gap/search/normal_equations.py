@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.signals.arrays import Array
@@ -46,19 +47,38 @@ def smaller(c: Array, variance: Array, spread: Array) -> Array:
     return np.sqrt(np.clip(np.mean((c**2 + variance) / spread**2, axis=-1), TUNING.smallest**2, 1.0))
 
 
-def coefficients(
-    joints: list[tuple[npt.NDArray[np.int64], Array]], variance: Array, spread: Array
-) -> tuple[Array, Array, float]:
-    """Solve generalised least squares: coefficients, their covariance, and log det of S Λ⁻¹."""
-    S, b = np.diag(spread**-2.0), np.zeros(len(spread))
-    for (index, G), level in zip(joints, variance, strict=True):
-        S[np.ix_(index, index)] += G[1:, 1:] / level
-        b[index] += G[1:, 0] / level
+def smaller_each(sizes: npt.NDArray[np.int64], c: Array, variance: Array, spread: Array) -> Array:
+    """Return (m,) `smaller` of effects side by side: of `sizes` (m,), coefficients, variances and spreads (K,)."""
+    sums = np.add.reduceat((c**2 + variance) / spread**2, np.cumsum(sizes) - sizes)
+    return np.where(sizes > TUNING.simple, 1.0, np.sqrt(np.clip(sums / sizes, TUNING.smallest**2, 1.0)))
+
+
+def coefficients(right: Array, between: Array, variance: Array, spread: Array) -> tuple[Array, Array, float]:
+    """Solve generalised least squares: coefficients, their covariance, and log det of S Λ⁻¹.
+
+    Args:
+        right: (n, K) inner products of each joint's residual with the columns.
+        between: (n, K, K) of the columns with one another.
+        variance: (n,) of the joints.
+        spread: (K,) of the prior.
+
+    Raises:
+        LinAlgError: the columns are too much alike.
+    """
     if not len(spread):
-        return b, S, 0.0
-    factor: Any = cho_factor(S, lower=True)
-    logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])) + np.log(spread)))
-    return cho_solve(factor, b), cho_solve(factor, np.eye(len(b))), logdet
+        return np.zeros(0), np.zeros((0, 0)), 0.0
+    S = np.tensordot(1.0 / variance, between, 1)
+    S.flat[:: len(S) + 1] += spread**-2.0
+    # The routines behind `cho_solve`, whose checks take longer than they do.
+    factor, wrong = dpotrf(S, lower=1)
+    if wrong:
+        raise LinAlgError("not positive definite")
+    c, _ = dpotrs(factor, (1.0 / variance) @ right, lower=1)
+    half = dpotri(factor, lower=1)[0]  # above whose diagonal there is nothing, as in the factor
+    covariance = half + half.T
+    covariance.flat[:: len(S) + 1] *= 0.5
+    logdet = 2.0 * float(np.sum(np.log(np.diag(factor)) + np.log(spread)))
+    return c, covariance, logdet
 
 
 def increments(G: Array, b: Array, spread: Array) -> Array:
@@ -80,6 +100,10 @@ def solutions(G: Array, b: Array, spread: Array) -> tuple[Array, Array]:
 def _solution(G: Array, b: Array, spread: Array) -> tuple[Array, Array, Array]:
     """Return of one width of the prior the rises (m,), coefficients (m, k), and their variances (m, k)."""
     scaled = spread[:, :, None] * G * spread[:, None, :] + np.eye(G.shape[1])
+    if G.shape[1] == 1:  # most are
+        alone = scaled[:, 0]
+        c = spread**2 * b / alone
+        return 0.5 * np.sum(b * c, axis=1) - 0.5 * np.log(np.abs(alone[:, 0])), c, spread**2 / alone
     inverse: Any = np.linalg.inv(scaled)
     c = spread * np.einsum("mij,mj->mi", inverse, spread * b)
     _, logdet = np.linalg.slogdet(scaled)

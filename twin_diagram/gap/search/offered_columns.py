@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,23 +11,53 @@ from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.signals.arrays import Array
 
 
+@dataclass(frozen=True)
+class Group:
+    """Candidates of one joint alone and of one number k of coefficients, side by side.
+
+    Attributes:
+        joint: whose torque they change.
+        indices: (m,) of the candidates.
+        columns: (R, m k).
+        own: (m, k, k) inner products of each one's columns.
+        right: (m, k) of them and the residual.
+        spread: (m, k) of the priors.
+        lower, upper: (m, k) what coefficients may be.
+        conditional: places of those that there are further conditions on.
+    """
+
+    joint: int
+    indices: npt.NDArray[np.int64]
+    columns: Array
+    own: Array
+    right: Array
+    spread: Array
+    lower: Array
+    upper: Array
+    conditional: tuple[int, ...]
+
+
 class OfferedColumns:
     """Knows which candidates are offered, and keeps their columns stacked until another one is."""
 
-    def __init__(self, shape: tuple[int, int], candidates: list[Candidate], columns: list[Array]) -> None:
+    def __init__(
+        self, shape: tuple[int, int], candidates: list[Candidate], columns: list[Array], right: list[Array]
+    ) -> None:
         """Start without an offer.
 
         Args:
             shape: (n, R) of the whitened residual.
             candidates: may grow; `add` follows.
             columns: (rows, R, k) of each, whitened; grows with them.
+            right: (k,) inner products of each one's columns with the residual; grows with them.
         """
         self._shape = shape
         self._candidates = candidates
         self._columns = columns
+        self._right = right
         self._offered: list[bool] = []
         self._several: tuple[list[int], Array] | None = None
-        self._groups: list[tuple[int, int, npt.NDArray[np.int64], Array]] | None = None
+        self._groups: list[Group] | None = None
 
     def add(self, offered: bool) -> None:
         """Note whether the next candidate is offered."""
@@ -56,15 +88,28 @@ class OfferedColumns:
             self._several = indices, stacked.reshape(n * rows, stacked.shape[2])
         return self._several
 
-    def by_joint(self) -> list[tuple[int, int, npt.NDArray[np.int64], Array]]:
+    def by_joint(self) -> list[Group]:
         """Return candidates of one row, by joint and number of coefficients, side by side."""
         if self._groups is None:
             keys: dict[tuple[int, int], list[int]] = {}
             for k, candidate in enumerate(self._candidates):
                 if len(candidate.rows) == 1 and self._offered[k]:
                     keys.setdefault((candidate.rows[0], candidate.size), []).append(k)
-            self._groups = [
-                (j, size, np.array(indices), np.concatenate([self._columns[k][0] for k in indices], axis=1))
-                for (j, size), indices in keys.items()
-            ]
+            self._groups = [self._side_by_side(j, size, indices) for (j, size), indices in keys.items()]
         return self._groups
+
+    def _side_by_side(self, joint: int, size: int, indices: list[int]) -> Group:
+        X = np.concatenate([self._columns[k][0] for k in indices], axis=1)
+        parts = X.reshape(len(X), len(indices), size).transpose(1, 2, 0)
+        there = [self._candidates[k] for k in indices]
+        return Group(
+            joint,
+            np.array(indices),
+            X,
+            own=parts @ parts.transpose(0, 2, 1),
+            right=np.stack([self._right[k] for k in indices]),
+            spread=np.stack([candidate.spread for candidate in there]),
+            lower=np.stack([candidate.lower for candidate in there]),
+            upper=np.stack([candidate.upper for candidate in there]),
+            conditional=tuple(at for at, candidate in enumerate(there) if candidate.admits is not None),
+        )

@@ -14,7 +14,8 @@ from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import Members
-from twin_diagram.gap.search.normal_equations import increment, increments
+from twin_diagram.gap.search.normal_equations import increment, increments, solutions
+from twin_diagram.gap.search.offered_columns import Group
 from twin_diagram.signals.arrays import Array
 
 
@@ -42,14 +43,27 @@ def score_candidates(bench: Bench, members: Members) -> Array:
     Q = basis(bench, members)
     projected = np.einsum("jrk,jr->k", Q, bench.y) if Q.shape[2] else np.zeros(0)
     result = np.full(len(bench.candidates), -np.inf)
-    for j, size, indices, X in bench.offered.by_joint():
-        C = Q[j].T @ X
-        result[indices] = _increments(
-            X.reshape(bench.rows, len(indices), size),
-            C.reshape(-1, len(indices), size),
-            X.T @ bench.y[j] - C.T @ projected,
-            [bench.candidates[k] for k in indices],
+    of_one_size: dict[int, list[tuple[Group, Array, Array]]] = {}
+    for group in bench.offered.by_joint():
+        many, size = group.spread.shape
+        C = (Q[group.joint].T @ group.columns).reshape(-1, many, size)
+        apart = C.transpose(1, 2, 0)
+        left = group.own - apart @ apart.transpose(0, 2, 1), group.right - apart @ projected
+        of_one_size.setdefault(size, []).append((group, *left))
+    for groups in of_one_size.values():  # side by side: one by one, calls would take longer than the work
+        there = [group for group, _, _ in groups]
+        G, b = (np.concatenate([part[i] for part in groups]) for i in (1, 2))
+        spread, lower, upper = (
+            np.concatenate([getattr(group, name) for group in there]) for name in ("spread", "lower", "upper")
         )
+        rise, c = solutions(G, b, spread)
+        physical = np.all((c >= lower) & (c <= upper), axis=1)
+        start = 0
+        for group in there:
+            for at in group.conditional:
+                physical[start + at] &= bench.candidates[group.indices[at]].allows(c[start + at])
+            start += len(group.indices)
+        result[np.concatenate([group.indices for group in there])] = np.where(physical, rise, -np.inf)
     flat = Q.reshape(bench.n * bench.rows, Q.shape[2])
     several, wide = bench.offered.wide()
     C = flat.T @ wide
@@ -61,19 +75,12 @@ def score_candidates(bench: Bench, members: Members) -> Array:
         start += candidate.size
         left = bench.products.gram(k, k) - own.T @ own, bench.right[k] - own.T @ projected
         of_size.setdefault(candidate.size, []).append((k, *left))
-    for group in of_size.values():  # side by side: one by one, calls would take longer than the work
-        candidates = [bench.candidates[k] for k, _, _ in group]
+    for group_of in of_size.values():
+        candidates = [bench.candidates[k] for k, _, _ in group_of]
         spread = np.stack([candidate.spread for candidate in candidates])
-        G, b = (np.stack([part[i] for part in group]) for i in (1, 2))
-        result[[k for k, _, _ in group]] = increment(G, b, spread, candidates)
-    costs = np.array([candidate.price for candidate in bench.candidates])
-    return result - costs
-
-
-def _increments(X: Array, C: Array, b: Array, candidates: list[Candidate]) -> Array:
-    G = np.einsum("rmi,rmk->mik", X, X, optimize=True) - np.einsum("kmi,kmj->mij", C, C, optimize=True)
-    spread = np.stack([candidate.spread for candidate in candidates])
-    return increment(G, b.reshape(len(candidates), -1), spread, candidates)
+        G, b = (np.stack([part[i] for part in group_of]) for i in (1, 2))
+        result[[k for k, _, _ in group_of]] = increment(G, b, spread, candidates)
+    return result - np.array(bench.prices)
 
 
 def score_candidate(

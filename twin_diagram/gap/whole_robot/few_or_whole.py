@@ -13,7 +13,7 @@ from twin_diagram.gap.correction.held_out_onsets import with_held_onsets
 from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.residuals.prepared_logs import Records
-from twin_diagram.gap.residuals.stiction import unmoved
+from twin_diagram.gap.residuals.stiction import one_way, unmoved
 from twin_diagram.gap.whole_robot import found_before, taking_over
 from twin_diagram.gap.whole_robot.coarse_torque import in_coarse_steps
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
@@ -24,6 +24,9 @@ from twin_diagram.gap.whole_robot.placeholders import as_of_the_description, pla
 from twin_diagram.gap.whole_robot.well_told import well_told
 from twin_diagram.logs import Log
 from twin_diagram.model.description import corrected_folder
+from twin_diagram.model.effects.actuation import TorqueBias
+from twin_diagram.model.effects.friction import CoulombFriction
+from twin_diagram.model.effects.friction_stribeck_load import StribeckFriction
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
@@ -34,6 +37,9 @@ COARSE = (
     "motion likelier has a name: log torques more finely"
 )
 """What is said of a log whose torques are rounded to a few values."""
+
+ONE_WAY = {CoulombFriction.name, StribeckFriction.name, TorqueBias.name}
+"""Names that are one number on a joint that turns one way only."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,7 @@ def explained(
     Arguments as of `looked_for`.
     """
     found = looked_for(given, logs, held, records, notes, say, standing)
+    notes += told_of_one_way(found.verdict, records)
     still = unmoved(records)
     if not np.any(still) or found.verdict.recorded is not None:
         return found
@@ -155,6 +162,19 @@ def why_none_alone(logs: Sequence[Log]) -> str:
 def told_of_whole(whole: WholeRobot, logs: Sequence[Log], floor: Array) -> list[str]:
     """Return what is said of a robot as a whole beside its names; `floor` (n,) is that of noise [N·m]."""
     return told_of_lag(whole) + told_of_one_late(whole) + taking_over.told_of_rests(whole, logs, floor)
+
+
+def told_of_one_way(verdict: Verdict, records: Records) -> list[str]:
+    """Return what is said of named joints that slide one way only, where friction's level is no number of its own."""
+    joints = [joint for joint, one in zip(records.model.joints, one_way(records), strict=True) if one]
+    named = {joint for one in verdict.findings if one.name in ONE_WAY for joint in one.joints}
+    if not named.intersection(joints):
+        return []
+    return [
+        f"{', '.join(joint for joint in joints if joint in named)}: turns one way only in the fitted runs, where dry "
+        "friction and an offset are one number: what is named as either may be the other, so fit a run in which it "
+        "turns both ways"
+    ]
 
 
 def told_of_lag(whole: WholeRobot) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
@@ -52,22 +53,7 @@ class JointSpring(Effect):
         Beyond its ends, the slope there gives way to the curve's mean slope within half a piece: an end's slope is the
         least sure of all, and what it says of angles far away is nothing.
         """
-        angles, torques = np.split(self.value("curve"), 2)
-        inside = scipy.interpolate.PchipInterpolator(angles, torques)
-        ends = np.array([angles[0], angles[-1]])
-        mean = float(np.polyfit(angles, torques, 1)[0])
-        bends = inside.derivative()(ends) - mean
-        reach = 0.5 * float(np.mean(np.diff(angles)))
-
-        def beyond(distance: Array, bend: float) -> Array:
-            return np.asarray(mean * distance + bend * reach * -np.expm1(-np.abs(distance) / reach) * np.sign(distance))
-
-        def law(q: Array) -> Array:
-            below, above = np.minimum(q - ends[0], 0.0), np.maximum(q - ends[1], 0.0)
-            result = inside(np.clip(q, *ends)) + beyond(below, bends[0]) + beyond(above, bends[1])
-            return np.asarray(result)
-
-        return law
+        return _curve(tuple(self.value("curve").tolist()))
 
     def torque(self, bodies: ArmBodies, q: Array, v: Array, a: Array, tau: Array) -> Array:
         """See `Effect.torque`."""
@@ -79,3 +65,28 @@ class JointSpring(Effect):
             return result
         stiffness, rest = (self.spread(bodies.joints, self.value(key)) for key in ("stiffness", "rest_angle"))
         return stiffness * (q - rest)
+
+
+@functools.lru_cache(maxsize=64)
+def _curve(values: tuple[float, ...]) -> Callable[[Array], Array]:
+    """Return `JointSpring.curve` of angles and then torques.
+
+    Kept by the numbers: a rollout asks for the law of one spring at each of its steps, and to make it takes a hundred
+    times as long as to use it.
+    """
+    angles, torques = np.split(np.array(values), 2)
+    inside = scipy.interpolate.PchipInterpolator(angles, torques)
+    ends = np.array([angles[0], angles[-1]])
+    mean = float(np.polyfit(angles, torques, 1)[0])
+    bends = inside.derivative()(ends) - mean
+    reach = 0.5 * float(np.mean(np.diff(angles)))
+
+    def beyond(distance: Array, bend: float) -> Array:
+        return np.asarray(mean * distance + bend * reach * -np.expm1(-np.abs(distance) / reach) * np.sign(distance))
+
+    def law(q: Array) -> Array:
+        below, above = np.minimum(q - ends[0], 0.0), np.maximum(q - ends[1], 0.0)
+        result = inside(np.clip(q, *ends)) + beyond(below, bends[0]) + beyond(above, bends[1])
+        return np.asarray(result)
+
+    return law
