@@ -1,0 +1,46 @@
+"""What a claim covers does not make it doubtful a second time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twin_diagram.perception.registration.alternatives import PoseHypothesis, share_of_first
+from twin_diagram.perception.registration.rotation import exp
+from twin_diagram.runs.tracking.claimed_share import TUNING, claimed_share
+
+SPREAD = np.diag(np.square([*np.radians([5.5, 2.6, 4.2]), 0.0025, 0.0076, 0.004]))
+"""Of a mug 1.3 m off before a D435."""
+RADIUS = 0.07
+
+
+def _told(shares: list[float], shifts: list[float], turns: list[float]) -> list[PoseHypothesis]:
+    """Return hypotheses shifted along y [m] and turned about x [rad]."""
+    R = exp(np.array([[turn, 0.0, 0.0] for turn in turns]))
+    return [
+        PoseHypothesis(one, np.array([0.0, shift, 0.0]), SPREAD, share)
+        for one, shift, share in zip(R, shifts, shares, strict=True)
+    ]
+
+
+def test_poses_within_the_claim_do_not_make_it_doubtful() -> None:
+    told = _told([0.57, 0.28, 0.15], [0.0, 0.009, -0.009], [0.0, 0.05, -0.05])
+    assert share_of_first(told, ()) == pytest.approx(0.57)
+    assert claimed_share(told, SPREAD, RADIUS, ()) == pytest.approx(TUNING.most)
+    assert claimed_share(_told([0.3, 0.2, 0.5], [0.0, 0.009, 0.06], [0.0] * 3), SPREAD, RADIUS, ()) == pytest.approx(
+        0.5
+    )
+
+
+def test_what_is_turned_or_elsewhere_is_another_pose_however_wide_the_claim() -> None:
+    turned = _told([0.3, 0.4, 0.3], [0.0, 0.0, 0.0], [0.0, 1.0, 3.1])
+    moved = _told([0.3, 0.7], [0.0, 0.05], [0.0, 0.0])
+    for told in (turned, moved):
+        assert claimed_share(told, 1e3 * SPREAD, RADIUS, ()) == pytest.approx(0.3)
+    assert claimed_share(turned, 1e3 * SPREAD, RADIUS, ((0, 0),)) == pytest.approx(1.0)
+
+
+def test_a_pose_that_is_told_from_all_others_is_as_sure_as_ever() -> None:
+    told = _told([0.96, 0.04], [0.0, 0.009], [0.0, 0.0])
+    assert claimed_share(told, SPREAD, RADIUS, ()) == pytest.approx(0.96)
+    assert claimed_share(told[:1], SPREAD, RADIUS, ()) == pytest.approx(0.96)
