@@ -262,7 +262,8 @@ class ObjectTracker:
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
             usual = slot.alike if found is not None else 0.0
             fits = min(shape, float(fit.likeness[0]) / (BELIEF.alike * usual)) if usual > 0.0 else shape
-            there = one.believed(found is not None, fits, whole, since, slot.aloft)
+            speed = float(np.linalg.norm(slot.velocity[3:]))
+            there = one.believed(found is not None, fits, whole, since, slot.aloft, speed)
             about = tuple(pair for pair in self._symmetries(one) if not pair[1])
             possible = each_once(shown.hypotheses, about)
             posed = one.posed
