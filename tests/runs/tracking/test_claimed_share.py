@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.synthetic_scene import Thing, camera, picture
+from twin_diagram import scenario
+from twin_diagram.assets import Asset
 from twin_diagram.perception.registration.alternatives import PoseHypothesis, share_of_first
 from twin_diagram.perception.registration.rotation import exp
+from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.runs.tracking.claimed_share import TUNING, claimed_share
+from twin_diagram.runs.tracking.individual import PoseShown
+from twin_diagram.runs.tracking.object_tracker import ObjectTracker
+from twin_diagram.scenario.resources import models_dir
 
 SPREAD = np.diag(np.square([*np.radians([5.5, 2.6, 4.2]), 0.0025, 0.0076, 0.004]))
 """Of a mug 1.3 m off before a D435."""
@@ -44,3 +51,19 @@ def test_a_pose_that_is_told_from_all_others_is_as_sure_as_ever() -> None:
     told = _told([0.96, 0.04], [0.0, 0.009], [0.0, 0.0])
     assert claimed_share(told, SPREAD, RADIUS, ()) == pytest.approx(0.96)
     assert claimed_share(told[:1], SPREAD, RADIUS, ()) == pytest.approx(0.96)
+
+
+def test_the_tracker_tells_so_of_what_a_frame_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    asset, room = Asset.load(models_dir() / "objects" / "sugar_box"), scenario.Perception()
+    thing = Thing(asset, 7, np.eye(3), np.array([0.5, 0.0, asset.size[2] / 2]))
+    told = [
+        PoseHypothesis(one.R, thing.p + one.p, SPREAD, one.probability)
+        for one in _told([0.57, 0.28, 0.15], [0.0, 0.009, -0.009], [0.0, 0.05, -0.05])
+    ]
+    shown = PoseShown(thing.R, thing.p, SPREAD, tuple(told))
+    monkeypatch.setattr(ObjectTracker, "_settled", lambda *_: shown)
+    tracker = ObjectTracker({asset.name: asset}, room)
+    tracker.start(asset.name, thing.R, thing.p, 0.95)
+    rgb, depth, _ = picture(camera(), [thing], np.random.default_rng(3))
+    (one, *_) = tracker.observe(segment(rgb, depth, 1.0, Grid.of(camera(), 2), room))
+    assert one.found and 0.7 < one.probability <= TUNING.most
