@@ -39,12 +39,27 @@ def test_poses_within_the_claim_do_not_make_it_doubtful() -> None:
     )
 
 
-def test_what_is_turned_or_elsewhere_is_another_pose_however_wide_the_claim() -> None:
-    turned = _told([0.3, 0.4, 0.3], [0.0, 0.0, 0.0], [0.0, 1.0, 3.1])
-    moved = _told([0.3, 0.7], [0.0, 0.05], [0.0, 0.0])
+def test_what_is_turned_or_elsewhere_is_another_pose() -> None:
+    turned = _told([0.3, 0.4, 0.3], [0.0, 0.0, 0.0], [0.0, 0.6, 3.1])
+    moved = _told([0.3, 0.7], [0.0, 0.04], [0.0, 0.0])
+    wide = np.diag(np.square([0.24, 0.24, 0.24, 0.017, 0.017, 0.017]))
     for told in (turned, moved):
-        assert claimed_share(told, 1e3 * SPREAD, RADIUS, ()) == pytest.approx(0.3)
-    assert claimed_share(turned, 1e3 * SPREAD, RADIUS, ((0, 0),)) == pytest.approx(1.0)
+        assert claimed_share(told, wide, RADIUS, ()) == pytest.approx(0.3)
+    assert claimed_share(turned, wide, RADIUS, ((0, 0),)) == pytest.approx(1.0)
+
+
+def test_a_claim_of_any_pose_is_of_none() -> None:
+    """A gelatin box on a forearm was shown 40° off, with a deviation of 30° and eight hypotheses 20° about it."""
+    told = _told([0.3, 0.4, 0.3], [0.0, 0.007, -0.007], [0.0, 0.3, -0.3])
+    spread = np.diag(np.square([*np.radians([14.0, 1.5, 14.0]), 0.008, 0.013, 0.014]))
+    assert claimed_share(told, spread, RADIUS, ()) == pytest.approx(TUNING.most)
+    for k, wider in ((0, np.radians(30.0)), (4, 0.02)):
+        more = spread.copy()
+        more[k, k] = wider**2
+        assert claimed_share(told, more, RADIUS, ()) == pytest.approx(0.3)
+    round_ = spread.copy()
+    round_[0, 0] = 9.0
+    assert claimed_share(told, round_, RADIUS, ((0, 0),)) == pytest.approx(1.0)
 
 
 def test_a_pose_that_is_told_from_all_others_is_as_sure_as_ever() -> None:

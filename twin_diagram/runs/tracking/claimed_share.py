@@ -26,11 +26,14 @@ class Tuning:
     """Squared error over the claim up to which a pose is within it: χ² of six degrees of freedom, 0.95."""
 
     turned: float = 0.5
-    """What is turned by more is another pose, however wide the claim [rad]: 30° are a flip
-    (`sims/benchmarks/followed_scenes.py`)."""
+    """What is turned by more is another pose [rad]: 30° are a flip (`sims/benchmarks/followed_scenes.py`)."""
 
     moved: float = 0.5
     """And what is shifted by more, of the object's radius: then another thing may stand in its place, as of alikes."""
+
+    wide: float = 0.5
+    """A claim whose deviation is more than this share of those is of no one pose: a box on a forearm, 30° claimed, was
+    40° off (seed 100403)."""
 
     most: float = 0.75
     """Poses that differ make no pose surer than this: it is known roughly. Claims of 0.9 and more are of poses right
@@ -54,11 +57,17 @@ def claimed_share(
         symmetries: of the object; see `assets.symmetry.parsed`.
     """
     first, alone = hypotheses[0], share_of_first(hypotheses, symmetries)
+    turned, moved = TUNING.turned, TUNING.moved * radius
+    free = first.R[:, [axis for axis, count in symmetries if not count]]
+    told = np.eye(3) - free @ free.T
+    most = np.linalg.eigvalsh([told @ spread[:3, :3] @ told, spread[3:, 3:]])[:, -1]
+    if np.any(most > np.square(TUNING.wide * np.array([turned, moved]))):
+        return alone
     R = np.stack([one.R for one in hypotheses])
     off = np.stack([one.p for one in hypotheses]) - first.p
     error = np.concatenate([log(R @ first.R.T), off], axis=1)
     near = np.einsum("ni,ni->n", error, np.linalg.solve(spread, error.T).T) <= TUNING.inside
-    near &= symmetry.apart(first.R, R, symmetries) <= TUNING.turned
-    near &= np.linalg.norm(off, axis=1) <= TUNING.moved * radius
+    near &= symmetry.apart(first.R, R, symmetries) <= turned
+    near &= np.linalg.norm(off, axis=1) <= moved
     within = float(np.array([one.probability for one in hypotheses])[near].sum())
     return max(alone, min(within, TUNING.most))
