@@ -269,7 +269,9 @@ class ObjectTracker:
             posed = one.posed
             if possible:
                 one.posed = share_of_first(possible, self._symmetries(one))
-                posed = claimed_share(possible, shown.spread, model.radius, self._symmetries(one))
+                posed = one.posed
+                if not slot.aloft:  # in the air, what fits in many ways may be a part of what carries things
+                    posed = claimed_share(possible, shown.spread, model.radius, self._symmetries(one))
             named = one.named(slot.named, model, view.frame, at if found is not None else None)
             sure = there * named * min(posed, probability(slot.odds))
             life = ObjectStatus(int(status[k])).name.lower()
