@@ -91,6 +91,20 @@ def test_what_was_carried_is_doubted_sooner_and_forgotten() -> None:
     assert after(True, 0.0, 0.0, 15) < 0.75 < 0.95 < after(False, 0.0, 0.0, 15)
 
 
+def test_what_was_on_its_way_is_not_where_it_was_expected_for_long() -> None:
+    """A can that left the picture at 1 m/s was told 0.1 to 0.5 m behind itself, as likely as not for seconds."""
+
+    def after(fits: float, speed: float, frames: int) -> float:
+        one = Individual(0, 0, object_filter.initial_filters(1)[0])
+        one.believed(True, fits, 1.0, FRAME)
+        return [one.believed(False, 0.0, 0.0, FRAME, True, speed) for _ in range(frames)][-1]
+
+    assert after(0.86, 0.6, 1) < 0.5 < after(0.86, 0.0, 1)
+    assert after(1.0, 0.6, 1) > 0.5 > after(1.0, 0.6, 2)
+    assert after(1.0, 0.05, 3) > 0.5
+    assert after(1.0, 0.05, 15) < 0.2 < 0.5 < after(1.0, 0.0, 15)
+
+
 def test_a_rival_that_a_frame_tells_of_too_counts_once() -> None:
     half = rotations.matrix(_turn(np.pi))
     one = RegisteredPose(np.eye(3), np.zeros(3), np.eye(6), 1.0, 1.0, 1.0, 100.0)

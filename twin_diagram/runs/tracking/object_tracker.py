@@ -31,6 +31,7 @@ from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.perception.things.growing import GrowingThing, grown_on, shown
 from twin_diagram.perception.things.memory import Life
+from twin_diagram.runs.tracking.claimed_share import claimed_share
 from twin_diagram.runs.tracking.frame_views import FrameViews
 from twin_diagram.runs.tracking.individual import TUNING as BELIEF
 from twin_diagram.runs.tracking.individual import Individual, PoseShown, expected
@@ -261,13 +262,18 @@ class ObjectTracker:
             shape, whole = float(min(fit.shape[0], 1.0)), float(np.clip(fit.visible_share[0], 0.0, 1.0))
             usual = slot.alike if found is not None else 0.0
             fits = min(shape, float(fit.likeness[0]) / (BELIEF.alike * usual)) if usual > 0.0 else shape
-            there = one.believed(found is not None, fits, whole, since, slot.aloft)
+            speed = float(np.linalg.norm(slot.velocity[3:]))
+            there = one.believed(found is not None, fits, whole, since, slot.aloft, speed)
             about = tuple(pair for pair in self._symmetries(one) if not pair[1])
             possible = each_once(shown.hypotheses, about)
+            posed = one.posed
             if possible:
                 one.posed = share_of_first(possible, self._symmetries(one))
+                posed = one.posed
+                if not slot.aloft:  # in the air, what fits in many ways may be a part of what carries things
+                    posed = claimed_share(possible, shown.spread, model.radius, self._symmetries(one))
             named = one.named(slot.named, model, view.frame, at if found is not None else None)
-            sure = there * named * min(one.posed, probability(slot.odds))
+            sure = there * named * min(posed, probability(slot.odds))
             life = ObjectStatus(int(status[k])).name.lower()
             if found is None and there < 0.5:
                 life = ObjectStatus.LOST.name.lower()
