@@ -14,7 +14,7 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import scenario_error
 from twin_diagram.model.model import Model
-from twin_diagram.planning.collision.between_fingers import beyond_palm, refuse_elsewhere
+from twin_diagram.planning.collision.between_fingers import palm, refuse_elsewhere
 from twin_diagram.planning.collision.geometry_to_solids import given_solids
 from twin_diagram.planning.preview import Preview
 from twin_diagram.planning.tasks.place_goals import check_places
@@ -58,8 +58,8 @@ def add_task(
             raise scenario_error("twin.arm", error) from error
     check_places(twin.task, library, given_solids(twin.arm, twin.fixtures, packages))
     described = scene.default_positions[scene.gripper_position_index]
-    free = beyond_palm(scene.plant, scene.scene_graph, scene.arm)
-    fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described, scene.followers.widening, free)
+    hand = palm(scene.plant, scene.scene_graph, scene.arm)
+    fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described, scene.followers.widening, hand)
     runner = builder.AddNamedSystem("task_runner", TaskRunner(model, twin, library, fingers))
     return runner.GetOutputPort("goal"), runner
 

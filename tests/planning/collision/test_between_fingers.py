@@ -11,14 +11,16 @@ import pytest
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.planning.collision.ball_cover import arm_plant
 from twin_diagram.planning.collision.between_fingers import (
+    Palm,
     between_fingers,
-    beyond_palm,
     grips,
+    palm,
     refuse_elsewhere,
     told_in,
 )
 from twin_diagram.planning.grasps.gripper import PANDA_HAND, WSG50, Gripper
 from twin_diagram.planning.tasks.grasp_from_above import grasps_from_above
+from twin_diagram.planning.tasks.neighbours import Neighbours
 from twin_diagram.runs.first_scenario import look_at, write_first_scenario
 from twin_diagram.scenario import ArmModel, Pose, load_scenario
 from twin_diagram.signals.arrays import Array
@@ -73,16 +75,19 @@ def test_the_frames_of_the_hands_that_come_along_are_found(model: str, frame: st
 @pytest.mark.parametrize(("gripper", "model"), [(PANDA_HAND, "panda_hand"), (WSG50, "iiwa7_wsg")])
 def test_how_far_fingers_reach_beyond_the_palm_is_found(gripper: Gripper, model: str) -> None:
     plant, scene_graph, arm, _keep = arm_plant(ArmModel(model=f"arms/{model}.urdf", tool_frame=gripper.frame))
-    assert beyond_palm(plant, scene_graph, arm) == pytest.approx(gripper.finger_length, abs=1e-3)
+    found = palm(plant, scene_graph, arm)
+    assert found.free == pytest.approx(gripper.finger_length, abs=1e-3)
+    assert found.behind == pytest.approx(gripper.finger_length - gripper.finger_front, abs=2e-3)
+    np.testing.assert_allclose(found.high - found.low, gripper.palm_size[:2], atol=0.01)
 
 
 def test_a_palm_close_behind_the_tips_stays_above_what_is_taken() -> None:
     x, y, z = np.meshgrid([-0.02, 0.02], [-0.03, 0.03], [-0.06, 0.06])
     pieces = (np.stack([x, y, z], axis=-1).reshape(-1, 3),)
     where = np.array([1.0, 0, 0, 0, 0.5, 0, 0.06])
-    down, nobody = np.array([0.0, 1, 0, 0]), np.zeros((0, 3))
+    down, nobody = np.array([0.0, 1, 0, 0]), Neighbours()
     deep, _ = grasps_from_above(pieces, where, 0.08, down, nobody)
-    shallow, _ = grasps_from_above(pieces, where, 0.08, down, nobody, free=0.035)
+    shallow, _ = grasps_from_above(pieces, where, 0.08, down, nobody, palm=Palm(0.035))
     assert deep[0, 6] == pytest.approx(0.09)
     assert shallow[0, 6] == pytest.approx(0.12 - 0.02)  # tips 10 mm lower, 35 mm before the palm, which keeps 5
 

@@ -24,6 +24,13 @@ def pose(x: float, y: float, z: float, q: Array | None = None) -> Array:
     return np.array([*(np.array([1.0, 0, 0, 0]) if q is None else q), x, y, z])
 
 
+def post(x: float, y: float, radius: float, top: float) -> Array:
+    """Return corners of a round post on the ground."""
+    turns = 2 * np.pi * np.arange(24) / 24
+    ring = np.stack([x + radius * np.cos(turns), y + radius * np.sin(turns)], axis=1)
+    return np.concatenate([np.column_stack([ring, np.full(24, z)]) for z in (0.0, top)])
+
+
 def step(kind: str, goal: Array | None = None, target: int = -1, **fields: float) -> Step:
     at = np.zeros(7) if goal is None else goal
     plain = Step(kind, 0 if kind in ("pick", "place", "follow") else target, at, 0.01, 0.1, 20.0, 1.0, 2, 30.0)

@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.planning.tasks.small_world import post
 from twin_diagram.assets import Asset
 from twin_diagram.planning.tasks.grasp_choice import TUNING, ShapeGrasps, between_fingers, choices
 from twin_diagram.planning.tasks.grasp_from_above import grasps_from_above
+from twin_diagram.planning.tasks.neighbours import Neighbours
 from twin_diagram.planning.tasks.task_system import shape_grasps
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 
 DOWN = np.array([0.0, 1.0, 0.0, 0.0])
-NONE = np.zeros((0, 3))
+NONE = Neighbours()
 HAND = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.1, 0.1) for z in (-0.1, 0.01)])
 
 
@@ -81,7 +83,7 @@ def test_neighbours_and_turns_are_minded() -> None:
     """Of two grasps alike the one beside which nobody stands, with the hand turned the nearer way round."""
     shape = ShapeGrasps(np.stack([flat((-0.09, 0.0, 0.0)), flat((0.09, 0.0, 0.0))]), np.zeros(2), hand=HAND)
     pieces, X_WO = box(0.2, 0.2, 0.2), at(0.1)
-    neighbour = np.array([[0.4 - 0.09, 0.1 + 0.08, 0.03]])
+    neighbour = Neighbours.of([post(0.4 - 0.09, 0.1 + 0.08, 0.03, 0.2)])
     found = choices(pieces, X_WO, 0.08, DOWN, neighbour, shape)
     np.testing.assert_allclose(found[0][4:], [0.49 - TUNING.stand_off, 0.1, 0.1], atol=1e-12)
     for near in (

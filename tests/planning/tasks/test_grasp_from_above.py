@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tests.planning.tasks.small_world import COVARIANCE, DOWN, pose
-from twin_diagram.planning.tasks.grasp_from_above import TUNING, centred, grasps_from_above, reached
+from tests.planning.tasks.small_world import COVARIANCE, DOWN, pose, post
+from twin_diagram.planning.collision.between_fingers import Palm
+from twin_diagram.planning.tasks.grasp_from_above import TUNING, centred, grasps_from_above, hindered, reached
+from twin_diagram.planning.tasks.neighbours import Neighbours
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.pose_vectors import compose, errors, inverse
 
-NONE = np.zeros((0, 3))
+NONE = Neighbours()
 
 
 def box(x: float, y: float, z: float) -> tuple[Array, ...]:
@@ -106,11 +108,58 @@ def test_what_comes_up_to_the_tips_is_told_in_the_tools_frame() -> None:
 def test_the_fingers_come_down_where_no_neighbour_is() -> None:
     """The present turn of the hand would put a finger onto the neighbour; a quarter turn more is free of it."""
     pieces = box(0.05, 0.05, 0.1)
-    neighbour = np.array([[0.4, 0.29, 0.03]])
+    neighbour = Neighbours.of([post(0.4, 0.29, 0.03, 0.2)])
     free = grasps_from_above(pieces, turned(0.0), 0.08, DOWN, NONE)[0][0]
     beside = grasps_from_above(pieces, turned(0.0), 0.08, DOWN, neighbour)[0][0]
     closing = [abs(rotations.matrix(X[:4])[:, 1]) for X in (free, beside)]
     assert closing[0][1] > 0.9 and closing[1][0] > 0.9
+
+
+HAND = Palm(0.045, np.array([-0.03, -0.1]), np.array([0.03, 0.1]))
+
+
+def test_what_stands_in_the_palms_way_is_kept_clear_of_along_the_sides() -> None:
+    """A box of 85 × 28 mm, and a tall post beside it: over the middle the palm would come too near to that.
+
+    So it is taken 1 or 2 cm farther along, where the palm is free; a low post is in none's way, and of something round
+    the pads meet nothing square anywhere else.
+    """
+    pieces, X_WO = box(0.085, 0.028, 0.073), turned(0.0, z=0.0365)
+    plain = grasps_from_above(pieces, X_WO, 0.08, DOWN, NONE, palm=HAND)[0]
+    for top, aside in ((0.2, True), (0.05, False)):
+        beside = Neighbours.of([post(0.4 + 0.06, 0.2 + 0.10, 0.025, top)])
+        found = grasps_from_above(pieces, X_WO, 0.08, plain[0, :4], beside, palm=HAND)[0]
+        off = found[0, 4:6] - X_WO[4:6]
+        closing = rotations.matrix(found[0, :4])[:2, 1]
+        assert abs(closing @ off) < 1e-9, "the pads still meet its middle across"
+        assert np.linalg.norm(off) == pytest.approx(0.02 if aside else 0.0, abs=0.011 if aside else 1e-9)
+        turn = np.arctan2(*rotations.matrix(found[0, :4])[[1, 0], 0])
+        assert hindered(found[0, 4:], turn, 0.08, HAND, beside) < 1e-9
+        if aside:
+            assert off[0] < 0.0 and hindered(X_WO[4:] + [0, 0, 0.01], turn, 0.08, HAND, beside) > 0.0
+    ring = np.stack([0.03 * np.cos(np.arange(24) * np.pi / 12), 0.03 * np.sin(np.arange(24) * np.pi / 12)], axis=1)
+    can = (np.concatenate([np.column_stack([ring, np.full(24, z)]) for z in (-0.0365, 0.0365)]),)
+    everywhere = Neighbours.of([post(0.4 + x, 0.2 + y, 0.05, 0.2) for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
+    for X_WG in grasps_from_above(can, X_WO, 0.08, DOWN, everywhere, palm=HAND)[0]:
+        np.testing.assert_allclose(X_WG[4:6], X_WO[4:6], atol=1e-9)
+
+
+def test_how_far_neighbours_reach_in_is_told() -> None:
+    """Of discs and boxes against a post and a long bar, by hand; bars that lie close along a side are in no way."""
+    a_post, bar = post(0.0, 0.0, 0.03, 0.2), box(0.4, 0.02, 0.02)[0] + [0.0, 0.2, 0.01]
+    for near in (a_post, bar):
+        assert Neighbours.of([near]).top[0] == pytest.approx(near[:, 2].max())
+    both = Neighbours.of([a_post, bar])
+    assert both.discs(np.array([[0.05, 0.0]]), 0.025) == pytest.approx(0.005, abs=3e-4)
+    assert both.discs(np.array([[0.03, 0.04]]), 0.025) == pytest.approx(0.005, abs=5e-4)
+    assert both.discs(np.array([[0.1, 0.17]]), 0.025) == pytest.approx(0.005, abs=1e-9)
+    assert both.discs(np.array([[0.1, 0.16]]), 0.025) == 0.0
+    assert both.box(np.array([0.06, 0.1]), np.array([0.04, 0.2]), np.eye(2), 0.1) == pytest.approx(0.01, abs=1e-9)
+    assert both.box(np.array([0.06, 0.1]), np.array([0.04, 0.2]), np.eye(2), 0.25) == 0.0
+    assert (
+        Neighbours().discs(np.zeros((2, 2)), 1.0) == 0.0
+        and Neighbours().box(np.zeros(2), np.ones(2), np.eye(2), 0) == 0.0
+    )
 
 
 def test_fingers_tell_where_the_middle_is() -> None:

@@ -436,6 +436,32 @@ def test_the_last_try_goes_for_another_grasp_where_the_way_down_is_barred() -> N
     assert world.run().outcome is TaskOutcome.DONE
 
 
+@pytest.mark.parametrize("tries", [1, 2])
+def test_a_hand_that_gets_stuck_on_its_way_down_goes_for_another_grasp(tries: int) -> None:
+    """It rests 3 cm short of it, as before what it may not touch: that is no try, nothing was closed on."""
+    world = SmallWorld((step("pick", tries=tries),))
+    first = world.until(Phase.DESCEND).grasp
+    world.frozen, world.X_WT = True, world.state.goal + np.array([0.0, 0, 0, 0, 0.0, 0.0, 0.03])
+    begun = world.now
+    state = world.until(Phase.APPROACH)
+    assert world.now - begun == pytest.approx(TUNING.no_way_down, abs=3 * TICK)
+    assert state.hand.touched == NOTHING and state.attempt == 0
+    assert notes(state)[-1] == (0, Note.OTHER_GRASP, Why.NO_WAY_DOWN)
+    assert not np.array_equal(state.grasp, first)
+    world.frozen = False
+    assert world.run().outcome is TaskOutcome.DONE
+
+
+def test_a_hand_that_creeps_down_is_waited_for() -> None:
+    world = SmallWorld((step("pick", tries=1),), speed=1.5 * TUNING.still)
+    world.until(Phase.APPROACH)
+    world.until(Phase.DESCEND)
+    world.frozen, world.X_WT = True, world.state.goal + np.array([0.0, 0, 0, 0, 0.0, 0.0, 0.03])
+    begun = world.now
+    while world.now < begun + 2.0 * TUNING.no_way_down:
+        assert world.tick().phase is Phase.DESCEND
+
+
 def test_a_grasp_out_of_reach_is_left_for_another_too_and_one_that_was_told_never() -> None:
     world = SmallWorld((step("pick", tries=1),), frozen=True, reach=0.0)
     world.until(Phase.APPROACH)

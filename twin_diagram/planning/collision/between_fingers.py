@@ -5,7 +5,7 @@ G, as picks take it: origin between the tips, z along the approach, y along the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
@@ -98,24 +98,44 @@ def grips(X_FG: Array) -> bool:
     return bool(near and X_FG[2, 2] >= least and abs(X_FG[1, 1]) >= least)
 
 
-def beyond_palm(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> float:
-    """Return how far the finger tips reach beyond what of the hand stands still between them [m].
+@dataclass(frozen=True)
+class Palm:
+    """What of a hand stands still behind its open fingers, in G.
 
-    Infinite where `between_fingers` has no answer, or nothing is there.
+    Attributes:
+        free: how far the finger tips reach beyond it [m]; infinite where nothing is there, or nobody knows.
+        low: (2,) where it begins in x and y [m].
+        high: (2,) where it ends there [m].
     """
+
+    free: float = np.inf
+    low: Array = field(default_factory=lambda: np.zeros(2))
+    high: Array = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def behind(self) -> float:
+        """How far it lies behind the origin of G [m]."""
+        return self.free - TUNING.tip
+
+
+def palm(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> Palm:
+    """Return what of the hand stands still between its fingers; nothing where `between_fingers` has no answer."""
     X_LG = between_fingers(plant, scene_graph, arm)
     if X_LG is None:
-        return np.inf
+        return Palm()
     last, context = plant.get_body(arm.last_link), plant.CreateDefaultContext()
     moving = {int(body.index()) for body in _moving(plant, arm)}
-    farthest = -np.inf
+    found: list[tuple[Array, Array]] = []
     for body in plant.GetBodiesWeldedTo(last):
         for hull in _hulls(plant, scene_graph, context, last, body) if int(body.index()) not in moving else ():
             inside = (hull - X_LG[:3, 3]) @ X_LG[:3, :3]
             low, high = inside.min(axis=0), inside.max(axis=0)
             if (low[:2] < 0.0).all() and (high[:2] > 0.0).all():
-                farthest = max(farthest, float(high[2]))
-    return TUNING.tip - farthest
+                found.append((low, high))
+    if not found:
+        return Palm()
+    low, high = max(found, key=lambda ends: float(ends[1][2]))
+    return Palm(TUNING.tip - float(high[2]), low[:2], high[:2])
 
 
 def told_in(X_FG: Array) -> str:

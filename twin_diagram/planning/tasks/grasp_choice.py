@@ -10,8 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from twin_diagram.planning.collision.between_fingers import Palm
+from twin_diagram.planning.tasks.grasp_from_above import NO_PALM, grasps_from_above
 from twin_diagram.planning.tasks.grasp_from_above import TUNING as FROM_ABOVE
-from twin_diagram.planning.tasks.grasp_from_above import crowding, grasps_from_above
+from twin_diagram.planning.tasks.neighbours import Neighbours
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 
@@ -67,11 +69,11 @@ def choices(
     X_WO: Array,
     opening: float,
     near: Array,
-    others: Array,
+    others: Neighbours,
     shape: ShapeGrasps,
     *,
     symmetric: bool = False,
-    free: float = np.inf,
+    palm: Palm = NO_PALM,
 ) -> Array:
     """Return where the tool could take an object, the best first.
 
@@ -80,15 +82,15 @@ def choices(
         X_WO: (7) where it is.
         opening: of the fingers at their widest [m].
         near: (4) quaternion of the tool's present turn.
-        others: (M, 3) other objects' x, y [m] and radius [m].
+        others: what stands beside it.
         shape: grasps of the object's shape; those whose hand would meet what the object stands on are left out.
         symmetric: whether the object looks the same however it is turned about its own z axis.
-        free: how far the finger tips reach beyond the palm [m].
+        palm: of the hand.
 
     Returns:
         (G, 7) X_WG; none where nothing offers itself.
     """
-    above, cost = grasps_from_above(pieces_O, X_WO, opening, near, others, symmetric=symmetric, free=free)
+    above, cost = grasps_from_above(pieces_O, X_WO, opening, near, others, symmetric=symmetric, palm=palm)
     if not len(shape.poses):
         return above
     R_WO = rotations.matrix(X_WO[:4])
@@ -105,9 +107,10 @@ def choices(
         angle, q = min(
             ((float(np.linalg.norm(rotations.difference(one, near))), one) for one in (q, flipped)), key=lambda e: e[0]
         )
-        ends = [p[k, :2] + side * (0.5 * opening + FROM_ABOVE.finger) * R[k, :2, 1] for side in (-1.0, 1.0)]
+        aside = (0.5 * opening + FROM_ABOVE.finger) * R[k, :2, 1]
+        crowded = others.discs(np.stack([p[k, :2] - aside, p[k, :2] + aside]), FROM_ABOVE.finger)
         price = TUNING.known + float(shape.score[k] - shape.score.min()) + TUNING.slanted * (1.0 + R[k, 2, 2])
-        price += TUNING.turn * angle + TUNING.crowded * crowding(ends, others)
+        price += TUNING.turn * angle + TUNING.crowded * crowded
         rows.append((price, np.array([*q, *p[k]])))
     every = [*zip(cost, above, strict=True), *rows]
     every.sort(key=lambda entry: entry[0])

@@ -7,9 +7,12 @@ z along the approach, y along the fingers' opening.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
+from twin_diagram.planning.collision.between_fingers import Palm
+from twin_diagram.planning.tasks.neighbours import Neighbours
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 
@@ -50,8 +53,26 @@ class Tuning:
     finger: float = 0.025
     """Half of what an open finger with its pad takes up beyond the opening [m]: to tell who is in its way."""
 
+    room: float = 0.02
+    """The palm stays so far from what stands beside [m]: 10 mm that planners keep, 8 by which their balls stand out."""
+
+    shifts: tuple[float, ...] = (-0.01, 0.01, -0.02, 0.02)
+    """Where something is in the way over the middle, it is taken so far along its sides as well [m]; what weighs 0.5 kg
+    turns a hand that holds it 2 cm off by a degree …"""
+
+    shifted: float = 5.0
+    """… at this price [1/m]: two centimetres, a quarter of a turn and a half of the hand."""
+
+    pad: float = 0.01
+    """Half of a pad, along the sides that it meets [m]."""
+
+    square: float = 0.1
+    """Pads are met by sides that slant by no more than this [1]: a fifth of the least friction of what is taken."""
+
 
 TUNING = Tuning()
+NO_PALM: Final = Palm()
+"""Of a hand of which nobody knows more than its fingers."""
 
 
 def grasps_from_above(
@@ -59,10 +80,10 @@ def grasps_from_above(
     X_WO: Array,
     opening: float,
     near: Array,
-    others: Array,
+    others: Neighbours,
     *,
     symmetric: bool = False,
-    free: float = np.inf,
+    palm: Palm = NO_PALM,
 ) -> tuple[Array, Array]:
     """Return where the tool could take an object from above, the best first, and what each costs.
 
@@ -71,16 +92,16 @@ def grasps_from_above(
         X_WO: (7) where it is.
         opening: of the fingers at their widest [m].
         near: (4) quaternion of the tool's present turn: of grasps equally good the one that turns least is the best.
-        others: (M, 3) other objects' x, y [m] and radius [m] that the fingers should not come near.
+        others: what fingers and palm should not come near.
         symmetric: whether the object looks the same however it is turned about its own z axis.
-        free: how far the finger tips reach beyond the palm [m].
+        palm: of the hand.
 
     Returns:
         (G, 7) X_WG, none where it is too wide, whichever way it is taken; (G,) costs.
     """
     R_WO = rotations.matrix(X_WO[:4])
     pieces = [piece @ R_WO.T + X_WO[4:] for piece in pieces_O]
-    heights = _heights(pieces, min(TUNING.depth, free - TUNING.reach - TUNING.palm))
+    heights = _heights(pieces, min(TUNING.depth, palm.free - TUNING.reach - TUNING.palm))
     heading = _heading(R_WO, symmetric=symmetric)
     found: list[tuple[float, Array]] = []
     for turn in heading + np.arange(TUNING.turns) * np.pi / TUNING.turns:
@@ -94,13 +115,18 @@ def grasps_from_above(
         else:
             continue
         middle = 0.5 * (across.max() + across.min()) * closing + 0.5 * (length.max() + length.min()) * along
-        ends = [middle + side * (0.5 * opening + TUNING.finger) * closing for side in (-1.0, 1.0)]
-        crowded = crowding(ends, others)
-        for flip in (0.0, np.pi):
-            q = _pointing_down(turn + flip)
-            angle = float(np.linalg.norm(rotations.difference(q, near)))
-            # A narrow side first; a neighbour in the way weighs more than any turn of the hand.
-            found.append((width / opening + 0.2 * angle + 30.0 * crowded, np.array([*q, *middle, z])))
+        places = [(0.0, hindered(np.array([*middle, z]), turn, opening, palm, others))]
+        if places[0][1] > 0.0:
+            beside = [s for s in TUNING.shifts if _square(across, length - along @ middle, s)]
+            ends = [np.array([*(middle + s * along), z]) for s in beside]
+            places += [(s, hindered(end, turn, opening, palm, others)) for s, end in zip(beside, ends, strict=True)]
+        for shift, crowded in places:
+            for flip in (0.0, np.pi):
+                q = _pointing_down(turn + flip)
+                angle = float(np.linalg.norm(rotations.difference(q, near)))
+                # A narrow side first; a neighbour in the way weighs more than any turn of the hand.
+                price = width / opening + 0.2 * angle + 30.0 * crowded + TUNING.shifted * abs(shift)
+                found.append((price, np.array([*q, *(middle + shift * along), z])))
     found.sort(key=lambda entry: entry[0])
     return np.array([X_WG for _, X_WG in found]).reshape(-1, 7), np.array([price for price, _ in found])
 
@@ -132,13 +158,46 @@ def _heights(pieces_W: list[Array], depth: float) -> list[float]:
     return [deep, *(z for z in above if z > deep)]
 
 
-def crowding(ends: list[Array], others: Array) -> float:
-    """Return how far other objects reach into where the fingers come down, at worst [m]."""
-    worst = 0.0
-    for x, y, radius in others:
-        nearest = min(float(np.linalg.norm(np.array([x, y]) - end)) for end in ends)
-        worst = max(worst, radius + TUNING.finger - nearest)
-    return worst
+def hindered(p_WG: Array, turn: float, opening: float, palm: Palm, others: Neighbours) -> float:
+    """Return how far others reach into where fingers and palm come down, at worst [m]; 0: they come down freely.
+
+    Args:
+        p_WG: (3,) where the tool takes the object from above [m].
+        turn: its x axis' direction [rad].
+        opening: of the fingers at their widest [m].
+        palm: of the hand; see there.
+        others: what stands beside the object.
+    """
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    aside = (0.5 * opening + TUNING.finger) * axes[1]
+    worst = others.discs(np.stack([p_WG[:2] - aside, p_WG[:2] + aside]), TUNING.finger)
+    if not np.isfinite(palm.free):
+        return worst
+    # Turned by half a turn it may as well stand on the other side.
+    half = np.maximum(-palm.low, palm.high) + TUNING.room
+    return max(worst, others.box(p_WG[:2], half, axes, float(p_WG[2]) + palm.behind - TUNING.room))
+
+
+def _square(across: Array, along: Array, shift: float) -> bool:
+    """Tell whether pads that are shifted along an object's sides meet them squarely.
+
+    Args:
+        across: (m,) its corners in the direction of closing [m].
+        along: (m,) and along its sides [m], from the middle.
+        shift: along them [m].
+    """
+    at = shift + TUNING.pad * np.array([-1.0, 0.0, 1.0])
+    if at[0] < along.min() - 1e-9 or at[2] > along.max() + 1e-9:
+        return False
+    left, right = along[:, None, None], along[None, :, None]
+    spans = (left <= at + 1e-9) & (right >= at - 1e-9)
+    share = np.clip((at - left) / np.maximum(right - left, 1e-9), 0.0, 1.0)
+    for side in (across, -across):
+        edge = side[:, None, None] + share * (side[None, :, None] - side[:, None, None])
+        reached_at = np.where(spans, edge, -np.inf).max(axis=(0, 1))
+        if np.ptp(reached_at) > 2.0 * TUNING.pad * TUNING.square:
+            return False
+    return True
 
 
 def _pointing_down(turn: float) -> Array:

@@ -12,7 +12,8 @@ from twin_diagram.planning.tasks.grasp_choice import TUNING as GRASP_CHOICE
 from twin_diagram.planning.tasks.grasp_choice import between_fingers, choices
 from twin_diagram.planning.tasks.grasp_from_above import TUNING as FROM_ABOVE
 from twin_diagram.planning.tasks.grasp_from_above import centred, reached
-from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed, steady
+from twin_diagram.planning.tasks.neighbours import Neighbours
+from twin_diagram.planning.tasks.step_ends import TUNING, arrived, done, fail, passed, steady, stuck
 from twin_diagram.planning.tasks.step_state import Note, Phase, Step, TaskState, Why
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
 from twin_diagram.planning.tasks.tool_past import no_past
@@ -80,15 +81,16 @@ def _offered(seen: StepView, step: Step, library: Sequence[Takeable], near: Arra
     track, known = seen.tracks[step.target], library[step.target]
     there = (ObjectStatus.UNSEEN, ObjectStatus.GONE)
     tips = _standing(known, track.pose)[1] + FROM_ABOVE.bottom - FROM_ABOVE.tip
-    others = [
-        [*other.pose[4:6], library[k].radius]
-        for k, other in enumerate(seen.tracks)
-        # Lower than this no finger comes: what bears it is in none's way.
-        if k != step.target and other.status not in there and _standing(library[k], other.pose)[2] > tips
-    ]
-    rows = np.array(others).reshape(-1, 3)
+    others = Neighbours.of(
+        [
+            _corners(library[k], other.pose)
+            for k, other in enumerate(seen.tracks)
+            # Lower than this no finger comes: what bears it is in none's way.
+            if k != step.target and other.status not in there and _standing(library[k], other.pose)[2] > tips
+        ]
+    )
     pose, wide = track.pose, seen.widest
-    return choices(known.pieces, pose, wide, near, rows, known.shape, symmetric=known.symmetric, free=seen.free)
+    return choices(known.pieces, pose, wide, near, others, known.shape, symmetric=known.symmetric, palm=seen.palm)
 
 
 def _nearest(X_WG: Array, seen: StepView, step: Step, library: Sequence[Takeable]) -> Array | None:
@@ -151,10 +153,11 @@ def approach(state: TaskState, seen: StepView, step: Step, library: Sequence[Tak
 
 def descend(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
     """Go down to the grasp, and close there; from no other side, since the hand no longer keeps clear of the object."""
-    if errors(seen.X_WT, state.grasp)[0] > TUNING.astray:
+    astray = errors(seen.X_WT, state.grasp)[0] > TUNING.astray
+    if astray or stuck(state, seen, step):
         last = state.attempt + 1 >= step.tries
         free = replace(state, hand=Hand())
-        other = another_grasp(free, seen, step, library, Why.NO_WAY_DOWN) if last else None
+        other = another_grasp(free, seen, step, library, Why.NO_WAY_DOWN) if last or not astray else None
         return other or again(state, seen, step, Why.NO_WAY_DOWN)
     state, there = arrived(state, seen, step, TUNING.slow)
     if not there:
@@ -216,7 +219,13 @@ def _rise(seen: StepView, step: Step, library: Sequence[Takeable]) -> float:
 
 def _standing(thing: Takeable, X_WO: Array) -> tuple[Array, float, float]:
     """Return middle and radius (3,) of the circle that holds a thing from above, its lowest and highest z [m]."""
-    points = np.concatenate(thing.pieces) @ rotations.matrix(X_WO[:4]).T + X_WO[4:]
+    points = _corners(thing, X_WO)
     middle = 0.5 * (points[:, :2].min(axis=0) + points[:, :2].max(axis=0))
     radius = float(np.linalg.norm(points[:, :2] - middle, axis=1).max())
     return np.array([*middle, radius]), float(points[:, 2].min()), float(points[:, 2].max())
+
+
+def _corners(thing: Takeable, X_WO: Array) -> Array:
+    """Return the corners (m, 3) of a thing's pieces in W [m]."""
+    corners: Array = np.concatenate(thing.pieces) @ rotations.matrix(X_WO[:4]).T + X_WO[4:]
+    return corners

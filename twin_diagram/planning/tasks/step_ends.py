@@ -31,6 +31,9 @@ class Tuning:
     """A tool that is this far from the grasp that it goes down to goes some other way [m]: it set out from `above`, and
     what it is to take may have moved a little meanwhile."""
 
+    no_way_down: float = 3.0
+    """A hand that rests short of a grasp so long after it set out down to it found no way [s]: it takes one."""
+
     passing: float = 0.02
     """Points on the way count as reached within this [m] …"""
 
@@ -157,6 +160,13 @@ def arrived(state: TaskState, seen: StepView, step: Step, still: float = TUNING.
     times = max(off / step.position_tolerance, angle / step.rotation_tolerance)
     state, rests = steady(state, seen, seen.speed < still and times < 2.0)
     return state, rests and (times < 1.0 or seen.now - state.steady >= TUNING.late)
+
+
+def stuck(state: TaskState, seen: StepView, step: Step) -> bool:
+    """Tell whether the tool rests far from a goal, though it set out long ago."""
+    off, angle = errors(seen.X_WT, state.goal)
+    far = off > 2.0 * step.position_tolerance or angle > 2.0 * step.rotation_tolerance
+    return far and seen.speed < TUNING.still and seen.now - state.since > TUNING.no_way_down
 
 
 def passed(state: TaskState, seen: StepView, step: Step) -> bool:

@@ -8,7 +8,9 @@ from typing import Generic, TypeVar, overload
 
 import numpy as np
 
+from twin_diagram.planning.collision.between_fingers import Palm
 from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
+from twin_diagram.planning.tasks.grasp_from_above import NO_PALM
 from twin_diagram.planning.tasks.in_hand import Eye
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import PoseMeasurement, Track
@@ -83,7 +85,7 @@ class StepView:
         finger_speed: of the fastest finger [m/s].
         widest: the fingers' greatest opening [m].
         reach: number of joint positions that reach the goal; `NEVER` where the planner has none.
-        free: how far the finger tips reach beyond the palm [m].
+        palm: of the hand.
         eye: the camera, as far as calibration goes; None where nothing is told of its errors.
     """
 
@@ -97,4 +99,4 @@ class StepView:
     widest: float
     reach: float
     eye: Eye | None = None
-    free: float = np.inf
+    palm: Palm = NO_PALM

@@ -16,12 +16,14 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
+from twin_diagram.planning.collision.between_fingers import Palm
 from twin_diagram.planning.grasps.gripper import SHIPPED
 from twin_diagram.planning.grasps.kept_grasps import grasps_of
 from twin_diagram.planning.grasps.known_object import read_known
 from twin_diagram.planning.tasks import step_state
 from twin_diagram.planning.tasks.goal_after import before_task, goal_after
 from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
+from twin_diagram.planning.tasks.grasp_from_above import NO_PALM
 from twin_diagram.planning.tasks.in_hand import Eye
 from twin_diagram.planning.tasks.slips import told_of
 from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, TaskState
@@ -63,14 +65,14 @@ class Fingers:
         closed: (g,) the end of their travel at which they meet [m].
         opened: (g,) the other end [m].
         widening: (g,) by how much the opening grows with each, that of what follows it included.
-        free: how far their tips reach beyond the palm [m].
+        palm: of the hand.
     """
 
     described: Array
     closed: Array
     opened: Array
     widening: Array | float = 1.0
-    free: float = np.inf
+    palm: Palm = NO_PALM
 
     @staticmethod
     def of(
@@ -78,13 +80,13 @@ class Fingers:
         joints: tuple[JointIndex, ...],
         described: Array,
         widening: Array | float = 1.0,
-        free: float = np.inf,
+        palm: Palm = NO_PALM,
     ) -> Fingers:
         """Return the fingers of a plant's gripper: they meet at the end of their travel that is nearer to zero."""
         fingers = [plant.get_joint(index) for index in joints]
         limits = [(joint.position_lower_limits()[0], joint.position_upper_limits()[0]) for joint in fingers]
         ends = np.array([sorted(pair, key=abs) for pair in limits], dtype=float).reshape(-1, 2)
-        return Fingers(np.array(described, dtype=float), ends[:, 0], ends[:, 1], widening, free)
+        return Fingers(np.array(described, dtype=float), ends[:, 0], ends[:, 1], widening, palm)
 
     @property
     def widest(self) -> float:
@@ -314,7 +316,7 @@ class TaskRunner(LeafSystem):
             opening=self._fingers.opening(fingers[:g]),
             finger_speed=float(np.abs(fingers[g:]).max(initial=0.0)),
             widest=self._fingers.widest,
-            free=self._fingers.free,
+            palm=self._fingers.palm,
             reach=reach,
             eye=self._eye_now(context),
         )
