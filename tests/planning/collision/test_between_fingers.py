@@ -77,8 +77,8 @@ def test_how_far_fingers_reach_beyond_the_palm_is_found(gripper: Gripper, model:
     plant, scene_graph, arm, _keep = arm_plant(ArmModel(model=f"arms/{model}.urdf", tool_frame=gripper.frame))
     found = palm(plant, scene_graph, arm)
     assert found.free == pytest.approx(gripper.finger_length, abs=1e-3)
-    assert found.behind == pytest.approx(gripper.finger_length - gripper.finger_front, abs=2e-3)
-    np.testing.assert_allclose(found.high - found.low, gripper.palm_size[:2], atol=0.01)
+    assert found.corners[:, 2].max() == pytest.approx(gripper.finger_front - gripper.finger_length, abs=2e-3)
+    np.testing.assert_allclose(np.ptp(found.corners[:, :2], axis=0), gripper.palm_size[:2], atol=0.01)
 
 
 def test_a_palm_close_behind_the_tips_stays_above_what_is_taken() -> None:

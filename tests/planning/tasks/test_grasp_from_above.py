@@ -115,7 +115,7 @@ def test_the_fingers_come_down_where_no_neighbour_is() -> None:
     assert closing[0][1] > 0.9 and closing[1][0] > 0.9
 
 
-HAND = Palm(0.045, np.array([-0.03, -0.1]), np.array([0.03, 0.1]))
+HAND = Palm(0.045, box(0.06, 0.2, 0.07)[0] - [0.0, 0.0, 0.07])
 
 
 def test_what_stands_in_the_palms_way_is_kept_clear_of_along_the_sides() -> None:
@@ -133,10 +133,11 @@ def test_what_stands_in_the_palms_way_is_kept_clear_of_along_the_sides() -> None
         closing = rotations.matrix(found[0, :4])[:2, 1]
         assert abs(closing @ off) < 1e-9, "the pads still meet its middle across"
         assert np.linalg.norm(off) == pytest.approx(0.02 if aside else 0.0, abs=0.011 if aside else 1e-9)
-        turn = np.arctan2(*rotations.matrix(found[0, :4])[[1, 0], 0])
-        assert hindered(found[0, 4:], turn, 0.08, HAND, beside) < 1e-9
+        assert hindered(found[0], 0.08, HAND, beside) < 1e-9
         if aside:
-            assert off[0] < 0.0 and hindered(X_WO[4:] + [0, 0, 0.01], turn, 0.08, HAND, beside) > 0.0
+            assert (
+                off[0] < 0.0 and hindered(np.array([*found[0, :4], *X_WO[4:6], found[0, 6]]), 0.08, HAND, beside) > 0.0
+            )
     ring = np.stack([0.03 * np.cos(np.arange(24) * np.pi / 12), 0.03 * np.sin(np.arange(24) * np.pi / 12)], axis=1)
     can = (np.concatenate([np.column_stack([ring, np.full(24, z)]) for z in (-0.0365, 0.0365)]),)
     everywhere = Neighbours.of([post(0.4 + x, 0.2 + y, 0.05, 0.2) for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
@@ -154,12 +155,11 @@ def test_how_far_neighbours_reach_in_is_told() -> None:
     assert both.discs(np.array([[0.03, 0.04]]), 0.025) == pytest.approx(0.005, abs=5e-4)
     assert both.discs(np.array([[0.1, 0.17]]), 0.025) == pytest.approx(0.005, abs=1e-9)
     assert both.discs(np.array([[0.1, 0.16]]), 0.025) == 0.0
-    assert both.box(np.array([0.06, 0.1]), np.array([0.04, 0.2]), np.eye(2), 0.1) == pytest.approx(0.01, abs=1e-9)
-    assert both.box(np.array([0.06, 0.1]), np.array([0.04, 0.2]), np.eye(2), 0.25) == 0.0
-    assert (
-        Neighbours().discs(np.zeros((2, 2)), 1.0) == 0.0
-        and Neighbours().box(np.zeros(2), np.ones(2), np.eye(2), 0) == 0.0
-    )
+    for low, reached_in in ((0.15, 0.02), (0.25, 0.0)):
+        body = box(0.06, 0.36, 0.1)[0] + [0.06, 0.1, low + 0.05]  # from x = 0.03 on, where the post ends
+        assert both.body(body, 0.02) == pytest.approx(reached_in, abs=1e-9)
+    nobody = Neighbours()
+    assert nobody.discs(np.zeros((2, 2)), 1.0) == 0.0 == nobody.body(np.zeros((8, 3)), 0.1)
 
 
 def test_fingers_tell_where_the_middle_is() -> None:

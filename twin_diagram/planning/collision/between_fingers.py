@@ -6,6 +6,7 @@ G, as picks take it: origin between the tips, z along the approach, y along the 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any, cast
 
 import numpy as np
@@ -104,18 +105,11 @@ class Palm:
 
     Attributes:
         free: how far the finger tips reach beyond it [m]; infinite where nothing is there, or nobody knows.
-        low: (2,) where it begins in x and y [m].
-        high: (2,) where it ends there [m].
+        corners: (C, 3) of the box around it [m].
     """
 
     free: float = np.inf
-    low: Array = field(default_factory=lambda: np.zeros(2))
-    high: Array = field(default_factory=lambda: np.zeros(2))
-
-    @property
-    def behind(self) -> float:
-        """How far it lies behind the origin of G [m]."""
-        return self.free - TUNING.tip
+    corners: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 def palm(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> Palm:
@@ -134,8 +128,9 @@ def palm(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> Palm:
                 found.append((low, high))
     if not found:
         return Palm()
-    low, high = max(found, key=lambda ends: float(ends[1][2]))
-    return Palm(TUNING.tip - float(high[2]), low[:2], high[:2])
+    ends = np.stack(max(found, key=lambda box: float(box[1][2])))
+    corners = ends[list(product((0, 1), repeat=3)), [0, 1, 2]]
+    return Palm(TUNING.tip - float(ends[1, 2]), corners)
 
 
 def told_in(X_FG: Array) -> str:

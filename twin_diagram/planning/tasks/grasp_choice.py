@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from twin_diagram.planning.collision.between_fingers import Palm
-from twin_diagram.planning.tasks.grasp_from_above import NO_PALM, grasps_from_above
+from twin_diagram.planning.tasks.grasp_from_above import NO_PALM, grasps_from_above, hindered
 from twin_diagram.planning.tasks.grasp_from_above import TUNING as FROM_ABOVE
 from twin_diagram.planning.tasks.neighbours import Neighbours
 from twin_diagram.signals import rotations
@@ -30,9 +30,6 @@ class Tuning:
 
     turn: float = 0.2
     """Of the angle that the hand must turn, as from above [1/rad]."""
-
-    crowded: float = 30.0
-    """Of how far others reach into the fingers' way, as from above [1/m]."""
 
     stand_off: float = 0.006
     """A hand pushed as far as it goes stands back by this [m]: an object a few millimetres off meets no palm."""
@@ -107,10 +104,9 @@ def choices(
         angle, q = min(
             ((float(np.linalg.norm(rotations.difference(one, near))), one) for one in (q, flipped)), key=lambda e: e[0]
         )
-        aside = (0.5 * opening + FROM_ABOVE.finger) * R[k, :2, 1]
-        crowded = others.discs(np.stack([p[k, :2] - aside, p[k, :2] + aside]), FROM_ABOVE.finger)
+        crowded = hindered(np.array([*q, *p[k]]), opening, palm, others)
         price = TUNING.known + float(shape.score[k] - shape.score.min()) + TUNING.slanted * (1.0 + R[k, 2, 2])
-        price += TUNING.turn * angle + TUNING.crowded * crowded
+        price += TUNING.turn * angle + FROM_ABOVE.crowded * crowded
         rows.append((price, np.array([*q, *p[k]])))
     every = [*zip(cost, above, strict=True), *rows]
     every.sort(key=lambda entry: entry[0])

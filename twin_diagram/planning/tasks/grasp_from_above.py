@@ -53,6 +53,10 @@ class Tuning:
     finger: float = 0.025
     """Half of what an open finger with its pad takes up beyond the opening [m]: to tell who is in its way."""
 
+    crowded: float = 100.0
+    """What a grasp costs more for each [m] that others reach into where the hand comes to be: at 2 cm the planner finds
+    no way at all, and at one it finds few, so that a grasp from the side that is free goes first."""
+
     room: float = 0.02
     """The palm stays so far from what stands beside [m]: 10 mm that planners keep, 8 by which their balls stand out."""
 
@@ -115,17 +119,18 @@ def grasps_from_above(
         else:
             continue
         middle = 0.5 * (across.max() + across.min()) * closing + 0.5 * (length.max() + length.min()) * along
-        places = [(0.0, hindered(np.array([*middle, z]), turn, opening, palm, others))]
+        down = _pointing_down(turn)
+        places = [(0.0, hindered(np.array([*down, *middle, z]), opening, palm, others))]
         if places[0][1] > 0.0:
-            beside = [s for s in TUNING.shifts if _square(across, length - along @ middle, s)]
-            ends = [np.array([*(middle + s * along), z]) for s in beside]
-            places += [(s, hindered(end, turn, opening, palm, others)) for s, end in zip(beside, ends, strict=True)]
+            for shift in TUNING.shifts:
+                if _square(across, length - along @ middle, shift):
+                    X_WG = np.array([*down, *(middle + shift * along), z])
+                    places.append((shift, hindered(X_WG, opening, palm, others)))
         for shift, crowded in places:
-            for flip in (0.0, np.pi):
-                q = _pointing_down(turn + flip)
+            for q in (down, _pointing_down(turn + np.pi)):
                 angle = float(np.linalg.norm(rotations.difference(q, near)))
                 # A narrow side first; a neighbour in the way weighs more than any turn of the hand.
-                price = width / opening + 0.2 * angle + 30.0 * crowded + TUNING.shifted * abs(shift)
+                price = width / opening + 0.2 * angle + TUNING.crowded * crowded + TUNING.shifted * abs(shift)
                 found.append((price, np.array([*q, *(middle + shift * along), z])))
     found.sort(key=lambda entry: entry[0])
     return np.array([X_WG for _, X_WG in found]).reshape(-1, 7), np.array([price for price, _ in found])
@@ -158,24 +163,21 @@ def _heights(pieces_W: list[Array], depth: float) -> list[float]:
     return [deep, *(z for z in above if z > deep)]
 
 
-def hindered(p_WG: Array, turn: float, opening: float, palm: Palm, others: Neighbours) -> float:
-    """Return how far others reach into where fingers and palm come down, at worst [m]; 0: they come down freely.
+def hindered(X_WG: Array, opening: float, palm: Palm, others: Neighbours) -> float:
+    """Return how far others reach into where open fingers and palm come to be, at worst [m]; 0: they are in no way.
 
     Args:
-        p_WG: (3,) where the tool takes the object from above [m].
-        turn: its x axis' direction [rad].
+        X_WG: (7) where the tool takes the object.
         opening: of the fingers at their widest [m].
-        palm: of the hand; see there.
+        palm: of the hand.
         others: what stands beside the object.
     """
-    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    aside = (0.5 * opening + TUNING.finger) * axes[1]
+    R_WG, p_WG = rotations.matrix(X_WG[:4]), X_WG[4:]
+    aside = (0.5 * opening + TUNING.finger) * R_WG[:2, 1]
     worst = others.discs(np.stack([p_WG[:2] - aside, p_WG[:2] + aside]), TUNING.finger)
-    if not np.isfinite(palm.free):
+    if not len(palm.corners):
         return worst
-    # Turned by half a turn it may as well stand on the other side.
-    half = np.maximum(-palm.low, palm.high) + TUNING.room
-    return max(worst, others.box(p_WG[:2], half, axes, float(p_WG[2]) + palm.behind - TUNING.room))
+    return max(worst, others.body(palm.corners @ R_WG.T + p_WG, TUNING.room))
 
 
 def _square(across: Array, along: Array, shift: float) -> bool:

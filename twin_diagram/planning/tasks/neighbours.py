@@ -42,16 +42,14 @@ class Neighbours:
         """Return how far they reach into upright cylinders about `middles` (D, 2), at worst [m]; 0 where into none."""
         return max((self._into(middle @ DIRECTIONS + radius) for middle in middles), default=0.0)
 
-    def box(self, middle: Array, half: Array, axes: Array, above: float) -> float:
-        """Return how far those higher than `above` reach into a box that is open above, at worst [m]; 0: not at all.
+    def body(self, corners: Array, room: float) -> float:
+        """Return how far those that are as high reach into what is around a body, and above it, at worst [m]; 0: not.
 
         Args:
-            middle: (2,) of the box, from above [m].
-            half: (2,) its half sides [m].
-            axes: (2, 2) unit vectors along its sides, as rows.
-            above: z of its bottom [m].
+            corners: (C, 3) that hold it, in W [m].
+            room: to keep about it [m].
         """
-        return self._into(middle @ DIRECTIONS + half @ np.abs(axes @ DIRECTIONS), above)
+        return self._into((corners[:, :2] @ DIRECTIONS).max(axis=0) + room, float(corners[:, 2].min()) - room)
 
     def _into(self, reach: Array, above: float = -np.inf) -> float:
         """Return how far those higher than `above` reach into what reaches so far in `DIRECTIONS` (32,) [m]."""
