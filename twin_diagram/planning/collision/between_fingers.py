@@ -128,7 +128,7 @@ def palm(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> Palm:
                 found.append((low, high))
     if not found:
         return Palm()
-    ends = np.stack(max(found, key=lambda box: float(box[1][2])))
+    ends: Array = np.stack(max(found, key=lambda box: float(box[1][2])))
     corners = ends[list(product((0, 1), repeat=3)), [0, 1, 2]]
     return Palm(TUNING.tip - float(ends[1, 2]), corners)
 
