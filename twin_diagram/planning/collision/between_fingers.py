@@ -119,16 +119,16 @@ def palm(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> Palm:
         return Palm()
     last, context = plant.get_body(arm.last_link), plant.CreateDefaultContext()
     moving = {int(body.index()) for body in _moving(plant, arm)}
-    found: list[tuple[Array, Array]] = []
+    found: list[Array] = []
     for body in plant.GetBodiesWeldedTo(last):
         for hull in _hulls(plant, scene_graph, context, last, body) if int(body.index()) not in moving else ():
             inside = (hull - X_LG[:3, 3]) @ X_LG[:3, :3]
             low, high = inside.min(axis=0), inside.max(axis=0)
             if (low[:2] < 0.0).all() and (high[:2] > 0.0).all():
-                found.append((low, high))
+                found.append(np.stack([low, high]))
     if not found:
         return Palm()
-    ends: Array = np.stack(max(found, key=lambda box: float(box[1][2])))
+    ends = max(found, key=lambda box: float(box[1, 2]))
     corners = ends[list(product((0, 1), repeat=3)), [0, 1, 2]]
     return Palm(TUNING.tip - float(ends[1, 2]), corners)
 
