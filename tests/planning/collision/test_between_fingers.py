@@ -11,13 +11,12 @@ import pytest
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.planning.collision.ball_cover import arm_plant
 from twin_diagram.planning.collision.between_fingers import (
-    Palm,
     between_fingers,
     grips,
-    palm,
     refuse_elsewhere,
     told_in,
 )
+from twin_diagram.planning.collision.hand_shape import Palm, hand_shape
 from twin_diagram.planning.grasps.gripper import PANDA_HAND, WSG50, Gripper
 from twin_diagram.planning.tasks.grasp_from_above import grasps_from_above
 from twin_diagram.planning.tasks.neighbours import Neighbours
@@ -75,7 +74,7 @@ def test_the_frames_of_the_hands_that_come_along_are_found(model: str, frame: st
 @pytest.mark.parametrize(("gripper", "model"), [(PANDA_HAND, "panda_hand"), (WSG50, "iiwa7_wsg")])
 def test_how_far_fingers_reach_beyond_the_palm_is_found(gripper: Gripper, model: str) -> None:
     plant, scene_graph, arm, _keep = arm_plant(ArmModel(model=f"arms/{model}.urdf", tool_frame=gripper.frame))
-    found = palm(plant, scene_graph, arm)
+    found = hand_shape(plant, scene_graph, arm).palm
     assert found.free == pytest.approx(gripper.finger_length, abs=1e-3)
     assert found.corners[:, 2].max() == pytest.approx(gripper.finger_front - gripper.finger_length, abs=2e-3)
     np.testing.assert_allclose(np.ptp(found.corners[:, :2], axis=0), gripper.palm_size[:2], atol=0.01)

@@ -7,6 +7,7 @@ import pytest
 
 from tests.planning.tasks.small_world import post
 from twin_diagram.assets import Asset
+from twin_diagram.planning.grasps.gripper import PANDA_HAND
 from twin_diagram.planning.tasks.grasp_choice import TUNING, ShapeGrasps, between_fingers, choices
 from twin_diagram.planning.tasks.grasp_from_above import grasps_from_above
 from twin_diagram.planning.tasks.neighbours import Neighbours
@@ -96,7 +97,7 @@ def test_neighbours_and_turns_are_minded() -> None:
 
 def test_grasps_of_a_mugs_shape_are_those_of_its_rim_and_handle() -> None:
     mug = Asset.load(resolve("objects/mug", {}))
-    shape = shape_grasps(mug, "panda_tcp")
+    shape = shape_grasps(mug, PANDA_HAND)
     assert len(shape.poses) >= 10 and len(shape.hand) == 8 * 5
     np.testing.assert_allclose(np.ptp(shape.hand[:, 1]), 0.2, atol=0.02)  # the palm's width
     found = choices(tuple(mug.convex_pieces), np.array([1.0, 0, 0, 0, 0.5, 0.0, 0.05]), 0.08, DOWN, NONE, shape)
@@ -106,7 +107,7 @@ def test_grasps_of_a_mugs_shape_are_those_of_its_rim_and_handle() -> None:
 
 
 def test_a_gripper_that_nobody_knows_takes_from_above_alone() -> None:
-    assert len(shape_grasps(Asset.load(resolve("objects/mug", {})), "my_tool").poses) == 0
+    assert len(shape_grasps(Asset.load(resolve("objects/mug", {})), None).poses) == 0
 
 
 def test_what_is_between_the_fingers_is_what_the_pads_meet() -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.planning.tasks.small_world import COVARIANCE, DOWN, pose, post
-from twin_diagram.planning.collision.between_fingers import Palm
+from twin_diagram.planning.collision.hand_shape import Palm
 from twin_diagram.planning.tasks.grasp_from_above import TUNING, centred, grasps_from_above, hindered, reached
 from twin_diagram.planning.tasks.neighbours import Neighbours
 from twin_diagram.signals import rotations

@@ -5,8 +5,7 @@ G, as picks take it: origin between the tips, z along the approach, y along the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import product
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -61,8 +60,8 @@ def between_fingers(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) ->
         arm: where it is in the plant.
     """
     last = plant.get_body(arm.last_link)
-    narrow, wide = (_at(plant, arm, share) for share in (0.0, 1.0))
-    bodies = _moving(plant, arm)
+    narrow, wide = (at_share(plant, arm, share) for share in (0.0, 1.0))
+    bodies = moving_bodies(plant, arm)
     if not bodies:
         return None
     went = np.array([_in(plant, wide, last, body)[:3, 3] - _in(plant, narrow, last, body)[:3, 3] for body in bodies])
@@ -70,7 +69,7 @@ def between_fingers(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) ->
     side = went @ y
     if not (side.max() > 0.0 > side.min()):
         return None
-    half = _at(plant, arm, 0.5)
+    half = at_share(plant, arm, 0.5)
     shapes = [_points(plant, scene_graph, half, last, body) for body in bodies]
     one, other = (
         np.concatenate([np.zeros((0, 3)), *(points for points, s in zip(shapes, side, strict=True) if sign * s > 0)])
@@ -97,40 +96,6 @@ def grips(X_FG: Array) -> bool:
     # Fingers are alike: half a turn about the approach changes nothing.
     least = np.cos(TUNING.turned)
     return bool(near and X_FG[2, 2] >= least and abs(X_FG[1, 1]) >= least)
-
-
-@dataclass(frozen=True)
-class Palm:
-    """What of a hand stands still behind its open fingers, in G.
-
-    Attributes:
-        free: how far the finger tips reach beyond it [m]; infinite where nothing is there, or nobody knows.
-        corners: (C, 3) of the box around it [m].
-    """
-
-    free: float = np.inf
-    corners: Array = field(default_factory=lambda: np.zeros((0, 3)))
-
-
-def palm(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> Palm:
-    """Return what of the hand stands still between its fingers; nothing where `between_fingers` has no answer."""
-    X_LG = between_fingers(plant, scene_graph, arm)
-    if X_LG is None:
-        return Palm()
-    last, context = plant.get_body(arm.last_link), plant.CreateDefaultContext()
-    moving = {int(body.index()) for body in _moving(plant, arm)}
-    found: list[Array] = []
-    for body in plant.GetBodiesWeldedTo(last):
-        for hull in _hulls(plant, scene_graph, context, last, body) if int(body.index()) not in moving else ():
-            inside = (hull - X_LG[:3, 3]) @ X_LG[:3, :3]
-            low, high = inside.min(axis=0), inside.max(axis=0)
-            if (low[:2] < 0.0).all() and (high[:2] > 0.0).all():
-                found.append(np.stack([low, high]))
-    if not found:
-        return Palm()
-    ends = max(found, key=lambda box: float(box[1, 2]))
-    corners = ends[list(product((0, 1), repeat=3)), [0, 1, 2]]
-    return Palm(TUNING.tip - float(ends[1, 2]), corners)
 
 
 def told_in(X_FG: Array) -> str:
@@ -166,7 +131,7 @@ def refuse_elsewhere(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -
     )
 
 
-def _at(plant: MultibodyPlant, arm: Arm, share: float) -> Context:
+def at_share(plant: MultibodyPlant, arm: Arm, share: float) -> Context:
     """Return a context in which the gripper's joints are at a share of their travel."""
     context = plant.CreateDefaultContext()
     q = plant.GetPositions(context).copy()
@@ -181,7 +146,7 @@ def _at(plant: MultibodyPlant, arm: Arm, share: float) -> Context:
     return context
 
 
-def _moving(plant: MultibodyPlant, arm: Arm) -> list[RigidBody]:
+def moving_bodies(plant: MultibodyPlant, arm: Arm) -> list[RigidBody]:
     """Return what moves with the gripper's joints, by themselves or as they follow."""
     joints = Followers.gripping(plant, arm)
     kinematic = [joint.index() for joint in joints]
@@ -199,10 +164,10 @@ def _points(
     plant: MultibodyPlant, scene_graph: SceneGraph, context: Context, last: RigidBody, body: RigidBody
 ) -> Array:
     """Return points (V, 3) around a body's collision shapes, in the last link [m]."""
-    return np.concatenate([np.zeros((0, 3)), *_hulls(plant, scene_graph, context, last, body)])
+    return np.concatenate([np.zeros((0, 3)), *hulls_of(plant, scene_graph, context, last, body)])
 
 
-def _hulls(
+def hulls_of(
     plant: MultibodyPlant, scene_graph: SceneGraph, context: Context, last: RigidBody, body: RigidBody
 ) -> list[Array]:
     """Return points (V, 3) around each of a body's collision shapes, in the last link [m]."""

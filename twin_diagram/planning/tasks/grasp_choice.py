@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from twin_diagram.planning.collision.between_fingers import Palm
+from twin_diagram.planning.collision.hand_shape import Palm
 from twin_diagram.planning.tasks.grasp_from_above import NO_PALM, grasps_from_above, hindered
 from twin_diagram.planning.tasks.grasp_from_above import TUNING as FROM_ABOVE
 from twin_diagram.planning.tasks.neighbours import Neighbours

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from twin_diagram.planning.collision.between_fingers import Palm
+from twin_diagram.planning.collision.hand_shape import Palm
 from twin_diagram.planning.tasks.neighbours import Neighbours
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar, overload
 
 import numpy as np
 
-from twin_diagram.planning.collision.between_fingers import Palm
+from twin_diagram.planning.collision.hand_shape import Palm
 from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.planning.tasks.grasp_from_above import NO_PALM
 from twin_diagram.planning.tasks.in_hand import Eye

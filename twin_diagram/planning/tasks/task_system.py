@@ -16,8 +16,8 @@ from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
 from twin_diagram.model.model import Model
-from twin_diagram.planning.collision.between_fingers import Palm
-from twin_diagram.planning.grasps.gripper import SHIPPED
+from twin_diagram.planning.collision.hand_shape import Palm
+from twin_diagram.planning.grasps.gripper import Gripper
 from twin_diagram.planning.grasps.kept_grasps import grasps_of
 from twin_diagram.planning.grasps.known_object import read_known
 from twin_diagram.planning.tasks import step_state
@@ -102,9 +102,8 @@ class Fingers:
         return self.described if share < 0.0 else self.closed + share * (self.opened - self.closed)
 
 
-def shape_grasps(asset: Asset, tool_frame: str) -> ShapeGrasps:
-    """Return the grasps of an asset's shape for the gripper whose tool frame it is; none for one that is not known."""
-    gripper = next((one for one in SHIPPED.values() if one.frame == tool_frame), None)
+def shape_grasps(asset: Asset, gripper: Gripper | None) -> ShapeGrasps:
+    """Return the grasps of an asset's shape for a gripper; none where nobody knows what it is like."""
     if gripper is None:
         return ShapeGrasps()
     grasps = grasps_of(read_known(asset.folder), gripper, count=TUNING.grasps)
@@ -112,6 +111,12 @@ def shape_grasps(asset: Asset, tool_frame: str) -> ShapeGrasps:
     ends = np.stack([low, high])
     corners = np.concatenate([ends[list(pick), :, [0, 1, 2]].T for pick in product((0, 1), repeat=3)])
     return ShapeGrasps(grasps.poses, grasps.score, grasps.contacts, corners)
+
+
+def takeable(asset: Asset, gripper: Gripper | None) -> Takeable:
+    """Return what a pick must know of an asset; with the grasps of its shape for a gripper, where one is given."""
+    shape = shape_grasps(asset, gripper)
+    return Takeable(tuple(asset.convex_pieces), asset.symmetric_axis is not None, shape)
 
 
 def told_eye(camera: scenario.Camera) -> Eye | None:
@@ -174,7 +179,14 @@ class TaskRunner(LeafSystem):
     tick before. State: one discrete vector, see `step_state.TaskState`.
     """
 
-    def __init__(self, model: Model, twin: scenario.Twin, library: Mapping[str, Asset], fingers: Fingers) -> None:
+    def __init__(
+        self,
+        model: Model,
+        twin: scenario.Twin,
+        library: Mapping[str, Asset],
+        fingers: Fingers,
+        gripper: Gripper | None = None,
+    ) -> None:
         """Take in the steps.
 
         Args:
@@ -182,6 +194,7 @@ class TaskRunner(LeafSystem):
             twin: what the twin is told, checked; `task`, `planner.rate` and `library` count.
             library: the known objects by name, in the order of the tracks.
             fingers: of its gripper.
+            gripper: what grasps of objects' shapes are sought for; None: things are taken from above alone.
 
         Raises:
             ScenarioError: a step needs a gripper that closes, and there is none.
@@ -191,14 +204,7 @@ class TaskRunner(LeafSystem):
         self.told_steps: Final = tuple(twin.task.steps)
         self._steps: Final = step_state.steps_of(twin.task, list(library))
         picked = {step.object for step in self.told_steps if step.kind == "pick" and step.goal is None}
-        self._library: Final = [
-            Takeable(
-                tuple(asset.convex_pieces),
-                asset.symmetric_axis is not None,
-                shape_grasps(asset, twin.arm.tool_frame) if name in picked else ShapeGrasps(),
-            )
-            for name, asset in library.items()
-        ]
+        self._library: Final = [takeable(asset, gripper if name in picked else None) for name, asset in library.items()]
         if not (np.isfinite(fingers.widest) and fingers.widest > 0.0):
             for index, step in enumerate(self.told_steps):
                 if step.kind == "pick":
