@@ -14,7 +14,7 @@ from twin_diagram.assets import Asset
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import scenario_error
 from twin_diagram.model.model import Model
-from twin_diagram.planning.collision.between_fingers import refuse_elsewhere
+from twin_diagram.planning.collision.between_fingers import refuse_elsewhere, refuse_turning
 from twin_diagram.planning.collision.geometry_to_solids import given_solids
 from twin_diagram.planning.collision.hand_shape import hand_shape
 from twin_diagram.planning.grasps.gripper import SHIPPED
@@ -56,6 +56,7 @@ def add_task(
         return source.get_output_port(), None
     if any(step.kind == "pick" for step in twin.task.steps):
         try:
+            refuse_turning(scene.plant, scene.arm)
             refuse_elsewhere(scene.plant, scene.scene_graph, scene.arm)
         except ModelError as error:
             raise scenario_error("twin.arm", error) from error

@@ -14,6 +14,7 @@ from twin_diagram.planning.collision.between_fingers import (
     between_fingers,
     grips,
     refuse_elsewhere,
+    refuse_turning,
     told_in,
 )
 from twin_diagram.planning.collision.hand_shape import Palm, hand_shape
@@ -121,6 +122,17 @@ def test_of_fingers_without_shapes_nothing_is_said(tmp_path: Path) -> None:
     model.write_text(re.sub("<collision>.*</collision>", "", model.read_text()))
     plant, scene_graph, arm, _keep = arm_plant(ArmModel(model=str(model), tool_frame=""))
     assert between_fingers(plant, scene_graph, arm) is None
+
+
+def test_a_pick_with_fingers_that_turn_is_refused(tmp_path: Path) -> None:
+    """Before anything starts: it waited for their opening until its time was over."""
+    model = hand(tmp_path, ("0 0 1", "0 0 -1"), ("0.1 0 0.0075", "0.1 0 -0.0075"), "0.04 0.02 0.015")
+    text = model.read_text().replace('type="prismatic"', 'type="revolute"').replace('axis xyz="0 0', 'axis xyz="0 1')
+    follows = '<child link="right"/><mimic joint="left_joint" multiplier="1"/>'
+    model.write_text(text.replace('<child link="right"/>', follows))
+    plant, _, arm, _keep = arm_plant(ArmModel(model=str(model), tool_frame=""))
+    with pytest.raises(ModelError, match="left_joint turns; a pick needs fingers that slide"):
+        refuse_turning(plant, arm)
 
 
 def test_a_pick_with_a_tool_frame_at_the_palm_is_refused_with_what_to_write() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.tree import PrismaticJoint, RigidBody
 from pydrake.systems.framework import Context
 
 from twin_diagram.errors import ModelError
@@ -129,6 +129,21 @@ def refuse_elsewhere(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -
         f"tool_frame: a pick needs it between the finger tips, z along the approach and y along the closing; "
         f"{tool.name()} is {off:.0f} mm from there, or turned: give the arm {told_in(X_FG)}"
     )
+
+
+def refuse_turning(plant: MultibodyPlant, arm: Arm) -> None:
+    """Refuse a gripper for picks whose fingers turn: how far they are open, and how they press, is told for slides.
+
+    Raises:
+        ModelError: a joint of the gripper is none that slides.
+    """
+    for index in arm.gripper_joint_indices:
+        joint = plant.get_joint(index)
+        if not isinstance(joint, PrismaticJoint):
+            raise ModelError(
+                f"the gripper's joint {joint.name()} turns; a pick needs fingers that slide (a prismatic joint each, "
+                "or one that others follow): the arm may reach, follow and hold as it is"
+            )
 
 
 def at_share(plant: MultibodyPlant, arm: Arm, share: float) -> Context:
