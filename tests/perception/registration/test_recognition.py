@@ -63,6 +63,7 @@ class Scene:
         )
         monkeypatch.setattr(recognition, "search", self.search)
         monkeypatch.setattr(recognition, "search_past_tears", lambda cloud, view, points, ways, found: found)
+        monkeypatch.setattr(recognition, "turned_about", lambda cloud, frame, found, points, params: found)
         monkeypatch.setattr(recognition, "claimed", self.claimed)
         monkeypatch.setattr(recognition, "hangs", lambda frame, points: False)
 

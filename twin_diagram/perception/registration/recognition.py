@@ -18,6 +18,7 @@ from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.past_tears import search_past_tears
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed
 from twin_diagram.perception.registration.search_aloft import afloat, anyhow, hangs
+from twin_diagram.perception.registration.turns_about import turned_about
 from twin_diagram.perception.registration.view import View
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.signals.arrays import Array
@@ -165,6 +166,8 @@ def _searched(
     frame, params = view.frame, view.params
     if known is None:
         result = search(model, frame, points_W, ways, params)
+        if result is not None and result.score < TUNING.accept and model.coloured:
+            result = turned_about(model, frame, result, points_W, params)
         if result is not None and result.score < TUNING.accept:
             result = search_past_tears(model, view, points_W, ways, result)
         # Turned anyhow, a shape without colours fits too much: a part of a castle passed for a second one.
