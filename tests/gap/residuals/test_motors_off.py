@@ -64,3 +64,19 @@ def test_a_rest_at_which_no_joint_bears_a_weight_stays() -> None:
     light = torque - bears + np.array([20.0, 300.0, 150.0, 40.0, 40.0, 20.0]) * np.sin(2.0 * time)[:, None]
     light[standing] = 0.0
     assert np.all(without_brakes(ARM, log_of(time, q, light)))
+
+
+def test_noise_hides_no_torque_that_holds_an_arm_and_creeping_joints_are_not_braked() -> None:
+    """A soft controller lets go of what friction holds, beside noise of a fifth of the torque."""
+    time, q, torque = run((4.0, 6.0))
+    size = np.sqrt(np.mean(torque**2, axis=0))
+    standing = (time >= 4.0) & (time < 6.0)
+    held = torque.copy()
+    held[standing] *= 0.2
+    rng = np.random.default_rng(4)
+    coarse = Log(time, ARM.joints, q, torque=held + 0.2 * size * rng.normal(size=q.shape))
+    assert np.all(without_brakes(ARM, coarse))
+    creeping = q + np.where(standing, 0.01 * (time - 4.0), 0.0)[:, None] + 0.02 * (time >= 6.0)[:, None]
+    held[standing] = 0.0
+    assert np.all(without_brakes(ARM, Log(time, ARM.joints, creeping, torque=held)))
+    assert not np.all(without_brakes(ARM, Log(time, ARM.joints, q, torque=held)))

@@ -28,8 +28,8 @@ class Tuning:
     nothing: float = 0.02
     """Share of a joint's torque in the log, root mean square, up to which its mean is nothing,"""
 
-    noises: float = 2.0
-    """or so many standard deviations of its noise, whichever is more."""
+    noises: float = 3.0
+    """or so many standard deviations that its noise leaves of a mean, whichever is more."""
 
     weight: float = 0.3
     """Share of the same that the description must need at the pose, on some joint,"""
@@ -37,8 +37,9 @@ class Tuning:
     above: float = 5.0
     """and times what counts as nothing there."""
 
-    still: float = 0.01
-    """Share of a joint's range in the log by which it moves at most while brakes hold it."""
+    still: float = 2e-3
+    """Share of a joint's range in the log by which it moves at most while brakes hold it, beside its encoder's noise:
+    where friction holds what a soft controller lets go, joints creep."""
 
     released: float = 0.5
     """For so long brakes may hold on while motors take the load over, and the arm stands still [s]."""
@@ -60,18 +61,25 @@ def without_brakes(model: Model, log: Log) -> npt.NDArray[np.bool_]:
     if width < 1 or len(time) < 4 * width:
         return kept
     size = np.sqrt(np.mean(torque**2, axis=0))
-    nothing = np.maximum(TUNING.nothing * size, TUNING.noises * _noise(torque))
-    off = np.all(np.abs(uniform_filter1d(torque, width, axis=0)) <= nothing, axis=1)
-    steps = np.maximum(TUNING.still * np.ptp(log.position, axis=0), TUNING.noises * _noise(log.position))
+    noise = _noise(torque)
+
+    def nothing(samples: int) -> Array:
+        return np.asarray(np.maximum(TUNING.nothing * size, TUNING.noises * noise / np.sqrt(samples)))
+
+    off = np.all(np.abs(uniform_filter1d(torque, width, axis=0)) <= nothing(width), axis=1)
+    steps = TUNING.still * np.ptp(log.position, axis=0) + 2.0 * TUNING.noises * _noise(log.position)
     for begin, end in stretches(off):
-        if end - begin < width or not np.all(np.ptp(log.position[(begin + end) // 2 : end], axis=0) <= 2.0 * steps):
+        later = slice((begin + end) // 2, end)
+        if end - begin < width or not np.all(np.ptp(log.position[later], axis=0) <= steps):
+            continue
+        if not np.all(np.abs(np.mean(torque[later], axis=0)) <= nothing((end - begin) // 2)):
             continue
         pose = log.position[end - 1 : end]
         rest = np.zeros_like(pose)
         needed = np.abs(model.for_run(fingerprint(log)).inverse_dynamics(pose, rest, rest)[0])
-        if not np.any((needed > TUNING.weight * size) & (needed > TUNING.above * nothing)):
+        if not np.any((needed > TUNING.weight * size) & (needed > TUNING.above * nothing(width))):
             continue
-        held = np.all(np.abs(log.position - pose) <= 2.0 * steps, axis=1) & (time >= time[end - 1])
+        held = np.all(np.abs(log.position - pose) <= steps, axis=1) & (time >= time[end - 1])
         last = end + int(np.argmin(np.append(held[end:], False)))
         last = min(last, int(np.searchsorted(time, time[end - 1] + TUNING.released)))
         kept[max(begin - width // 2, 0) : max(last, end)] = False
