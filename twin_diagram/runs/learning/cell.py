@@ -158,7 +158,7 @@ class Cell:
         self._corrected: dict[str, tuple[ViewCamera, float]] = {}
         self.observer: Observer | None = None
         self.doing = FREE
-        self._rate = np.zeros_like(self._command)
+        self._ahead = np.zeros(1), self._command[None], 0.0
         self._spent = np.zeros(2)
         self.shut_at: Array | None = None
         self._send()
@@ -264,22 +264,22 @@ class Cell:
         begin, tick = self.time, TUNING.weighed_tick if self._recording is not None else TUNING.tick
         for k in range(1, int(np.ceil(times[-1] / tick)) + 1):
             now = min(k * tick, float(times[-1]))
-            command = np.array([np.interp(now, times, q[:, j]) for j in range(q.shape[1])])
-            self._rate, self._command = (command - self._command) / tick, command
+            self._ahead = times, q, now
+            self._command = np.array([np.interp(now, times, q[:, j]) for j in range(q.shape[1])])
             self._advance(begin + k * tick)
             if at is not None:
                 at(now)
-        self._rate = np.zeros_like(self._command)
 
     def wait(self, seconds: float) -> None:
         """Stay where it is."""
         self.follow(np.array([0.0, seconds]), np.stack([self._command, self._command]))
 
     def brake(self) -> None:
-        """Come to rest from a motion that was broken off: what is held stays in the hand."""
+        """Come to rest from a motion that was broken off, along it, as it is clear: what is held stays in the hand."""
+        way, q, now = self._ahead
         times = np.arange(0.0, TUNING.braking + 1e-9, TUNING.tick)
-        way = times - 0.5 * times**2 / TUNING.braking
-        self.follow(times, self._command + way[:, None] * self._rate)
+        later = now + times - 0.5 * times**2 / TUNING.braking
+        self.follow(times, np.array([np.interp(later, way, q[:, j]) for j in range(q.shape[1])]).T)
 
     @contextmanager
     def about(self, phase: str, place: Array) -> Iterator[None]:

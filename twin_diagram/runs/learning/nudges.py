@@ -125,7 +125,7 @@ def _from_above(thing: SeenThing, others: Array, bottom: Array, bin_corners: tup
     about = thing.points[:, :2]
     corner = np.minimum(low, about.min(axis=0)) - TUNING.farthest
     size = np.ceil((np.maximum(high, about.max(axis=0)) + TUNING.farthest - corner) / TUNING.cell).astype(int)
-    middles = corner + (np.stack(np.indices(tuple(size)), axis=-1) + 0.5) * TUNING.cell
+    middles = corner + (np.moveaxis(np.indices(tuple(size)), 0, -1) + 0.5) * TUNING.cell
     seen = _FromAbove(
         corner,
         np.zeros(size, dtype=bool),
