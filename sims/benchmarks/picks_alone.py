@@ -1,6 +1,7 @@
 """Empties drawn bins pick by pick, without showing or weighing anything, and scores each try in the true world.
 
     python sims/benchmarks/picks_alone.py --seeds 720 721 --objects 5
+    python sims/benchmarks/picks_alone.py --seeds 1 2 3 --across
 
 What is lifted is brought before the camera, and then is gone. A bin takes two to five minutes of a core. Bins, sensors
 and joints are drawn as `real2sim_tables.py` draws them. For each try: which true thing was brought, or what went wrong,
@@ -20,6 +21,7 @@ SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 from real2sim_truth.drawn_world import fall_short  # noqa: E402
+from real2sim_truth.laid_across import lay_across  # noqa: E402
 from real2sim_truth.picks import pick_bin  # noqa: E402
 
 from twin_diagram import load_scenario  # noqa: E402
@@ -43,13 +45,14 @@ def picks() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[720], help="of the bins (default: 720)")
     parser.add_argument("--objects", type=int, default=5, help="in each (default: %(default)s)")
+    parser.add_argument("--across", action="store_true", help="a cracker box flat across one other thing instead")
     parser.add_argument("--noise", type=float, default=0.05, help="of measured torques [N·m] (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("out/picks"), help="new folder (default: %(default)s)")
     arguments = parser.parse_args()
     base = load_scenario("bin_picking")
     joints = Model.load(base.twin.arm, dict(base.packages)).joints
     for seed in arguments.seeds:
-        scenario = draw_bin(base, seed, arguments.objects)
+        scenario = lay_across(base, seed) if arguments.across else draw_bin(base, seed, arguments.objects)
         scenario.world.arm_defects.torque_noise = arguments.noise
         told = pick_bin(
             fall_short(scenario, joints), arguments.out / f"{seed:06d}", lambda text: print(text, file=sys.stderr)

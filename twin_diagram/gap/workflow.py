@@ -26,6 +26,7 @@ from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
 from twin_diagram.gap.report.subject import Subject
 from twin_diagram.gap.residuals import torque_sense
+from twin_diagram.gap.residuals.motors_off import without_brakes
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import moves, prepare, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
@@ -35,7 +36,7 @@ from twin_diagram.logs import Log, LogWarning, fingerprint, read_log, write_colu
 from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 from twin_diagram.logs.downsampling import downsampled
-from twin_diagram.logs.parting import longest, parted
+from twin_diagram.logs.parting import chosen, longest, parted
 from twin_diagram.logs.spikes import unspiked
 from twin_diagram.logs.torque_constants import TorqueConstants
 from twin_diagram.model.description import corrected_folder
@@ -47,6 +48,7 @@ from twin_diagram.runtime.stages import Stages
 from twin_diagram.runtime.threads import one_thread
 from twin_diagram.runtime.version import __version__
 from twin_diagram.scenario import resources
+from twin_diagram.signals.stretches import stretches
 
 Say = Callable[[str], None]
 
@@ -301,14 +303,14 @@ def _read(
         raise LogError("no log to fit: give at least one with --fit")
     resources.resolve(str(model), packages)  # what is not there is told before a log is read
     given, first, warnings = load_model_for(read_log(fit[0], columns), model, packages, torque_side, constants, joints)
-    logs = _stretches(first, warnings)
+    logs = _stretches(given, first, warnings)
     for path in fit[1:]:  # one at a time: each may be as large as all that is kept of them
         own, more = as_explained(given, read_log(path, columns), constants)
         warnings += more
-        logs += _stretches(own, warnings)
+        logs += _stretches(given, own, warnings)
     own, more = as_explained(given, read_log(holdout, columns), constants)
     warnings += more
-    kept = longest(_stretches(own, warnings, PREPARED_LOGS.shortest_held, "; the longest is held out"))
+    kept = longest(_stretches(given, own, warnings, PREPARED_LOGS.shortest_held, "; the longest is held out"))
     for log in logs:
         usable(log)
     usable(kept, PREPARED_LOGS.shortest_held)
@@ -327,16 +329,18 @@ def _read(
 
 
 def _stretches(
-    log: Log, warnings: list[LogWarning], shortest: float = PREPARED_LOGS.shortest, more: str = ""
+    given: Model, log: Log, warnings: list[LogWarning], shortest: float = PREPARED_LOGS.shortest, more: str = ""
 ) -> list[Log]:
     """Return a log as it is fitted, in as many stretches as silence leaves; `warnings` grow where there is some.
 
     Args:
+        given: the given model.
         log: checked.
         warnings: of all logs.
         shortest: that a stretch must have left after its ends are cut [s].
         more: what is done with them.
     """
+    log = _driven(given, log, warnings)
     parts = parted(dejittered(log), shortest + 2.0 * DIFFERENTIATION.residual_cut)
     if len(parts) > 1 or len(parts[0]) < len(log):
         spans = ", ".join(f"{part.time[0]:.3f} to {part.time[-1]:.3f} s" for part in parts)
@@ -348,6 +352,17 @@ def _stretches(
         warnings += garbled
         result.append(downsampled(whole))
     return result
+
+
+def _driven(given: Model, log: Log, warnings: list[LogWarning]) -> Log:
+    """Return a log without what its brakes held while the motors were off; `warnings` grow where there is some."""
+    kept = without_brakes(given, log)
+    if np.all(kept) or not np.any(kept):
+        return log
+    spans = ", ".join(f"{log.time[a]:.3f} to {log.time[b - 1]:.3f} s" for a, b in stretches(~kept))
+    message = f"{log.source}: the motors give nothing and the arm stands still, so brakes hold it: left out: {spans}"
+    warnings.append(LogWarning("motors_off", message))
+    return chosen(log, kept)
 
 
 def _experiments(

@@ -38,7 +38,7 @@ class LogWarning:
 
     Attributes:
         code: `gap`, `jitter`, `beyond_limits`, `torque_beyond_limits`, `velocity_scale`, `no_motion`, `no_torque`,
-            `unknown_joint`, `left_out`, `wrapped`, `parted`, `spike`, `torque_side`.
+            `unknown_joint`, `left_out`, `wrapped`, `parted`, `motors_off`, `spike`, `torque_side`.
         message: one line.
         joint: that it is about, or empty.
     """

@@ -87,7 +87,7 @@ def unfrozen(log: Log) -> Log:
     kept = np.ones(len(log), dtype=bool)
     for begin, end in zip(begins[leaps], ends[leaps], strict=True):
         kept[begin + 1 : end + 1] = False
-    return log if np.all(kept) else _chosen(log, kept)
+    return log if np.all(kept) else chosen(log, kept)
 
 
 def longest(parts: list[Log]) -> Log:
@@ -98,10 +98,11 @@ def longest(parts: list[Log]) -> Log:
 def _stretch(log: Log, part: slice) -> Log:
     kept = np.zeros(len(log), dtype=bool)
     kept[part] = True
-    return _chosen(log, kept)
+    return chosen(log, kept)
 
 
-def _chosen(log: Log, kept: npt.NDArray[np.bool_]) -> Log:
+def chosen(log: Log, kept: npt.NDArray[np.bool_]) -> Log:
+    """Return some samples of a log, as of the same run."""
     signals: dict[str, Any] = {
         name: values[kept] for name in SIGNALS.values() if (values := getattr(log, name)) is not None
     }

@@ -184,6 +184,7 @@ def proposed(
         n=1,
         y=np.zeros((1, 3)),
         add=add,
+        whiten=lambda candidate: candidate.columns,
         offered=SimpleNamespace(offer=offered.append),
         solve=lambda some: SimpleNamespace(evidence=evidence[frozenset(min(k, 1) for k in some)]),
     )
@@ -194,9 +195,10 @@ def proposed(
     monkeypatch.setattr(gear_proposals, "gear", lambda terms, shape, bare: made)
     monkeypatch.setattr(
         gear_proposals,
-        "score_candidate",
-        lambda bench, candidate, Q, told, bounded=False: (
-            scores[frozenset({0}) if Q[0, 0, 0] else frozenset()] if bounded else scores[frozenset({9})]
+        "score_both",
+        lambda bench, candidate, Q, told, white: (
+            scores[frozenset({9})],
+            scores[frozenset({0}) if Q[0, 0, 0] else frozenset()],
         ),
     )
     some: Any = None

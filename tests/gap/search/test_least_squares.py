@@ -20,11 +20,13 @@ from twin_diagram.gap.search.bench import Bench, likelihood_gain, noise_distance
 from twin_diagram.gap.search.inner_products import InnerProducts
 from twin_diagram.gap.search.normal_equations import (
     coefficients,
+    covariance_of,
     increment,
     increments,
     smaller,
     smaller_each,
     solutions,
+    variances_of,
 )
 from twin_diagram.gap.search.offered_columns import OfferedColumns
 from twin_diagram.gap.search.prior_costs import compatible
@@ -110,12 +112,13 @@ def test_generalised_least_squares_with_a_prior() -> None:
     W = np.repeat(1.0 / variance, bench.rows)
     S = X.T @ (W[:, None] * X) + np.diag(spread**-2.0)
     _, right, between = bench.products.stacked(order)
-    c, covariance, logdet = coefficients(right, between, variance, spread)
-    np.testing.assert_allclose(covariance, np.linalg.inv(S), rtol=1e-9)
+    c, factor, logdet = coefficients(right, between, variance, spread)
+    np.testing.assert_allclose(covariance_of(factor), np.linalg.inv(S), rtol=1e-9)
+    np.testing.assert_allclose(variances_of(factor), np.diag(np.linalg.inv(S)), rtol=1e-9)
     np.testing.assert_allclose(c, np.linalg.solve(S, X.T @ (W * bench.y.ravel())), rtol=1e-9)
     assert logdet == pytest.approx(np.linalg.slogdet(S @ np.diag(spread**2))[1])
-    nothing, _, none = coefficients(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.ones(1), np.zeros(0))
-    assert none == 0.0 and not len(nothing)
+    nothing, empty, none = coefficients(np.zeros((1, 0)), np.zeros((1, 0, 0)), np.ones(1), np.zeros(0))
+    assert none == 0.0 and not len(nothing) and not len(covariance_of(empty)) and not len(variances_of(empty))
     with pytest.raises(LinAlgError):  # two columns that are one, and no prior
         coefficients(np.zeros((1, 2)), np.ones((1, 2, 2)), np.ones(1), np.full(2, np.inf))
 

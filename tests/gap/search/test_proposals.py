@@ -17,8 +17,9 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.residuals.whitening import Whitener
 from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.blocks_of_time import block_edges, block_sums, spans
 from twin_diagram.gap.search.normal_equations import increments
-from twin_diagram.gap.search.proposals import Proposer, active, block_edges, block_sums, spans
+from twin_diagram.gap.search.proposals import Proposer, active
 from twin_diagram.gap.search.push_points import at_their_points
 from twin_diagram.gap.search.scoring import basis, score_candidate, score_spans
 from twin_diagram.logs.differentiation import lowpass

@@ -76,12 +76,15 @@ def verdict(
     chosen: frozenset[int] | None = None,
     rivals: dict[frozenset[int], float] | None = None,
     above: float = 0.0,
+    share: float | None = None,
 ) -> Any:
     candidates = [at("coulomb_friction")] if candidates is None else candidates
     bench: Any = Known(candidates, variances, colour, rivals)
     bench.counts, bench.finest = counts, np.full(3, finest)
     fit = bench.solve(max(variances, key=len) if chosen is None else chosen)
     left = LeftOver(statistic, gain, np.zeros(3))
+    if share is not None:
+        left = LeftOver(statistic, gain, np.array([0.0, statistic, 0.0]), np.array([1.0, share, 1.0]))
     monkeypatch.setattr(leftover_structure, "left_over", lambda *arguments: left)
     named = (finding(),) if findings is None else findings
 
@@ -96,6 +99,23 @@ def verdict(
 
 
 CLEAN, STRONG = frozenset[int](), frozenset({0})
+
+
+@pytest.mark.parametrize(("share", "trifle"), [(0.9e-3, True), (1.1e-3, False)])
+def test_structure_of_a_thousandth_of_a_torque_is_not_spoken_of(
+    share: float, trifle: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither where nothing is named nor beside a name, which is then as sure as without."""
+    nothing = verdict(monkeypatch, {CLEAN: [1.0, 1.0, 1.0]}, statistic=20.0, share=share)
+    assert nothing.verdict == ("none" if trifle else "unknown")
+    assert nothing.remainder_statistic == 20.0
+    named = verdict(
+        monkeypatch, {CLEAN: [9.0, 1.0, 1.0], STRONG: [1.0, 1.0, 1.0]}, statistic=20.0, gain=5.0, share=share
+    )
+    assert named.verdict == "named" and named.remainder != trifle
+    assert named.findings[0].confidence == pytest.approx(0.9 if trifle else 0.675)
+    loud = verdict(monkeypatch, {CLEAN: [4.1, 1.0, 1.0]}, statistic=20.0, share=share)
+    assert loud.verdict == "unknown"
 
 
 @pytest.mark.parametrize(

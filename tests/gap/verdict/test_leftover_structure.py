@@ -75,6 +75,24 @@ def test_structure_is_found_on_its_joint_with_what_it_gains() -> None:
     assert found.gain == pytest.approx(gained, rel=0.12)
 
 
+@pytest.mark.parametrize(("size", "noise", "there"), [(5e-4, 1e-3, False), (4e-3, 1e-3, True), (0.0, 1e-3, False)])
+def test_what_is_a_trifle_beside_the_torque_is_no_structure(size: float, noise: float, there: bool) -> None:
+    """However sure it is: of a simulator's millisecond steps as much is left."""
+    records = terms().records
+    level = float(terms().torque_size[ELBOW])
+    curve = records.reduce(lambda r: np.abs(np.sin(3.0 * r.q)))[:, ELBOW]
+    torque = np.zeros_like(records.residual)
+    torque[:, ELBOW] = size * level * (curve - np.mean(curve)) / np.std(curve)
+    white = Whitener(np.ones((6, 1)), noise * terms().torque_size, (len(torque),))
+    drawn = noise * terms().torque_size * np.random.default_rng(6).normal(size=torque.shape)
+    bench = Bench(drawn + torque, white, [], [], size=terms().torque_size)
+    found = left_over(records, terms(), bench, bench.solve(frozenset()))
+    assert (found.joints[ELBOW] > 8.0) == (size > 0.0)
+    assert (found.beyond(1e-3) > 8.0) == there and found.beyond(0.0) == pytest.approx(found.statistic)
+    if size > 0.0:
+        assert found.shares[ELBOW] == pytest.approx(size, rel=0.25)
+
+
 def test_the_statistic_is_what_curves_explain_beyond_what_noise_lets_them() -> None:
     """Recomputed by plain least squares: k regressors take N log(free/(free − k)) of pure noise, by √(2k)."""
     weights = np.ones((6, len(terms().records.residual) - 1))

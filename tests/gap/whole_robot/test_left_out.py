@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.gap.whole_robot.test_unusual import problem
+from twin_diagram.gap.whole_robot.concluding import what_each_brings
 from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, units
 from twin_diagram.gap.whole_robot.physical_fit import solve
 
@@ -27,3 +28,12 @@ def test_a_part_that_does_not_move_is_left_as_it_is() -> None:
     linear, parts = Linearised.of(LeftOut.of(start, solve(start))), units(start)
     np.testing.assert_array_equal(linear.likelihoods([parts[0]])[0], linear.likelihood())  # no link is free
     np.testing.assert_array_equal(linear.described(parts[0]).likelihood(), linear.likelihood())
+
+
+def test_where_nothing_is_free_nothing_is_tried() -> None:
+    """As on an arm whose cable pulls at all joints: everything that was freed had gone again, and `gap` crashed."""
+    start = problem()
+    left_out = LeftOut.of(start, solve(start))
+    assert Linearised.of(left_out).likelihoods([]).shape == (0, 6)
+    none = replace(start, own_free=np.zeros_like(start.own_free))
+    assert not np.any(none.free) and what_each_brings(none, LeftOut.of(none, solve(none))) == {}

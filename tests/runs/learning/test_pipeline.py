@@ -76,6 +76,7 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
     monkeypatch.setattr(one_object, "seek", lambda *told: Sought("nothing is seen"))
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.correct_cameras", lambda *told: [])
+    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.plan_nudge", lambda *told: None)
     record = LearningRecord(folder, Scenario())
     hand = SimpleNamespace(opening_most=0.115)
     tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries), cameras={}, faces=None, gripper=hand)
@@ -325,7 +326,7 @@ def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
 
     run = learner(Bin([0.0, 0.3]), tmp_path / "run", monkeypatch)
     monkeypatch.setattr(handling, "pick", pick)
-    choice = SURE_CHOICE if sure else SimpleNamespace(one=lambda kind: None if kind in SURE else "a grasp")
+    choice = SURE_CHOICE if sure else SimpleNamespace(one=lambda kind: None if kind in SURE else "a", best=lambda: "a")
     monkeypatch.setattr(pipeline, "which_first", lambda tools, picture, things: (things[0], choice))
     run.tools.gripper.opening_most = -0.01 if wide else 0.115  # type: ignore[misc]
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.plan_tipping", plan_tipping)
@@ -335,6 +336,37 @@ def test_what_cannot_be_taken_is_tipped_up_a_few_times_before_it_is_reported(
     # would be reported; of what has no grasp, two searches are made.
     assert tipped == [0.3, 0.3, 0.3] and tries.count(0.3) == ((3 if sure else 0) + 2 if wide else 4 * 2)
     assert [one.why for one in run.state.learned] == ["too wide", "too wide"] and run.state.finished
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_what_has_no_grasp_and_is_not_tipped_up_is_pushed_off_a_few_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wide: bool
+) -> None:
+    """A cracker box flat across a ring and the rim was reported, and the ring below it with it."""
+    stages = list[str]()
+
+    def pick(tools: Any, one: SeenThing, *rest: Any) -> Picked:
+        stages.append("pick")
+        return Picked(one, why="too wide")
+
+    def nudge_off(tools: Any, plan: str) -> str:
+        stages.append(plan)
+        return "pushed by 15 cm"
+
+    run = learner(Bin([0.0, 0.3]), tmp_path / "run", monkeypatch)
+    monkeypatch.setattr(handling, "pick", pick)
+    choice = SimpleNamespace(one=lambda kind: None, best=lambda: None)
+    monkeypatch.setattr(pipeline, "which_first", lambda tools, picture, things: (things[0], choice))
+    run.tools.gripper.opening_most = -0.01 if wide else 0.115  # type: ignore[misc]
+    monkeypatch.setattr(pipeline, "plan_tipping", lambda *told: None)
+    monkeypatch.setattr(pipeline, "plan_nudge", lambda tools, one, picture: "push" if one.points[0, 0] == 0.3 else None)
+    monkeypatch.setattr(pipeline, "nudge_off", nudge_off)
+    run.run()
+    searches = ["pick", "pick"]
+    assert stages == searches + 3 * (["push"] if wide else [*searches, "push"]) + searches, "each in its turn"
+    assert [one.why for one in run.state.learned] == ["too wide", "too wide"] and run.state.finished
+    events = (tmp_path / "run" / "events.jsonl").read_text()
+    assert events.count('"stage": "push off"') == 3 and events.count("pushed by 15 cm") == 3
 
 
 def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_world_before_it(

@@ -136,7 +136,7 @@ class Hand:
     def wait(self, seconds: float) -> None:
         pass
 
-    def follow(self, times: Array, q: Array, at: Any) -> None:
+    def follow(self, times: Array, q: Array, at: Any, torque: Array | None) -> None:
         for now in times:
             self.time, self.opening = float(now), 0.045 - 0.002 * max(0.0, now - self._turns)
             at(now)
@@ -165,7 +165,7 @@ def test_a_swung_arm_is_told_to_speed_up_as_steadily_as_the_motion_does() -> Non
     cell: Any = Hand(2.0)
     cell.time, cell._recording, cell._command = 0.0, Recording(), np.zeros(1)
     cell._advance = lambda until: sent.append(cell._command)
-    cell.follow = lambda times, q, at: Cell.follow(cell, times, q, at)
+    cell.follow = lambda times, q, at, torque: Cell.follow(cell, times, q, at, torque)
     motion: Any = SimpleNamespace(harmonics=SimpleNamespace(period=1.0), at=lambda t: (np.sin(9.0 * t)[:, None],))
     swing(cell, motion, ("a", "b"), "loaded")
     tick = CELL.weighed_tick
@@ -296,12 +296,13 @@ def test_what_has_no_room_about_one_posture_is_swung_about_another(monkeypatch: 
     monkeypatch.setattr(weighing, "best_motion", motion)
     monkeypatch.setattr(weighing, "go", lambda cell, way: None)
 
-    def swing_(cell: Any, motion: Any, joints: Any, source: str, noted: list[tuple[float, float]]) -> Log:
+    def swing_(cell: Any, motion: Any, joints: Any, source: str, noted: list[tuple[float, float]], torque: Any) -> Log:
         noted += [(0.0, 0.06), (0.05, 0.06), (0.051, 0.0598), (0.1, 0.0598)]
         return swung().log
 
     monkeypatch.setattr(weighing, "swing", swing_)
-    told: Any = (np.eye(4), np.zeros((1, 3)), np.zeros(3), 10.0, 1.0)
+    monkeypatch.setattr(weighing, "torques_of", lambda *told: None)
+    told: Any = (np.eye(4), np.array([np.zeros(3), np.full(3, 0.1)]), np.zeros(3), 10.0, 1.0)
     model: Any = SimpleNamespace(joints=("a",))
     clear_at = 2
     held, about = weighing.swing_held(model, mover, cell, *told)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -63,12 +64,12 @@ class Candidate:
         """Of all that was chosen to suit the data [nats]."""
         return self.cost + self.unheard_cost
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of coefficients."""
         return int(self.columns.shape[2])
 
-    @property
+    @cached_property
     def place(self) -> tuple[str, tuple[int, ...], tuple[str, ...]]:
         """Name, joints and links: what a finding claims."""
         return self.name, self.joints, self.links

@@ -67,7 +67,7 @@ def gear(
     j = shape.joint
     given = records.model
     model = given.with_effects([*(e for e in given.present if not isinstance(e, YieldingGear)), _effect(given, shape)])
-    rate = records.reduce(lambda r: r.a)[:, j]
+    rate = records.reduce_once("acceleration", 0, lambda r: r.a)[:, j]
 
     def law(record: Record) -> Array:
         beyond, known = record.torque - record.given, bare[id(record)] if bare is not None else Untwisted()

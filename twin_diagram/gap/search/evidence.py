@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +25,7 @@ from scipy.linalg import LinAlgError
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.search.inner_products import InnerProducts
 from twin_diagram.gap.search.normal_equations import TUNING as NORMAL_EQUATIONS
-from twin_diagram.gap.search.normal_equations import coefficients, smaller_each
+from twin_diagram.gap.search.normal_equations import coefficients, covariance_of, smaller_each, variances_of
 from twin_diagram.gap.search.prior_costs import price
 from twin_diagram.signals.arrays import Array
 
@@ -50,7 +51,7 @@ class HypothesisFit:
         members: indices of its candidates.
         evidence: log evidence over the empty hypothesis less all prices [nats]; −∞ where it is not physical.
         coefficients: of all members' columns, in the order of `order`.
-        covariance: likewise.
+        factor: (K, K) lower Cholesky factor of the coefficients' precision, likewise.
         order: members as they were stacked.
         variance: (n,) of what it leaves, in units of the whitener's.
     """
@@ -58,9 +59,14 @@ class HypothesisFit:
     members: Members
     evidence: float
     coefficients: Array
-    covariance: Array
+    factor: Array
     order: tuple[int, ...]
     variance: Array
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(K, K) of the coefficients; few of all fits are asked for it."""
+        return covariance_of(self.factor)
 
 
 class HypothesisSolver:
@@ -110,18 +116,18 @@ class HypothesisSolver:
         named = np.array([bool(self._candidates[k].name) for k in order], dtype=bool)
         variance = np.ones(n)
         c: Array = np.zeros(len(spread))
-        covariance: Array = np.zeros((0, 0))
+        factor: Array = np.zeros((0, 0))
         logdet = 0.0
         width, told = spread, 0
         for sweep in range(TUNING.passes):
             try:
-                c, covariance, logdet = coefficients(right, between, variance, width)
+                c, factor, logdet = coefficients(right, between, variance, width)
             except LinAlgError:
                 return HypothesisFit(members, -np.inf, c, np.eye(len(spread)), order, variance)
             left = square - (2.0 * right - between @ c) @ c
             variance = np.maximum(left, 0.0) / self._counts + self._finest
             if sweep < TUNING.passes - 1:
-                width, told = _widths(sizes, named, c, np.diag(covariance), spread)
+                width, told = _widths(sizes, named, c, variances_of(factor), spread)
         likelihood = -0.5 * float(np.sum(self._counts * np.log(variance)))
         evidence = likelihood - 0.5 * float(np.sum((c / width) ** 2)) - 0.5 * logdet
         evidence -= price([self._candidates[k] for k in members], n) + NORMAL_EQUATIONS.scale_price * told
@@ -132,7 +138,7 @@ class HypothesisSolver:
             self._zero, evidence = evidence, 0.0
         if not (_physical(self._candidates, order, c) and all(self.told(self._candidates[k]) for k in members)):
             evidence = -np.inf
-        return HypothesisFit(members, evidence, c, covariance, order, variance)
+        return HypothesisFit(members, evidence, c, factor, order, variance)
 
     def told(self, candidate: Candidate) -> bool:
         """Return whether each joint that a candidate names has samples that count."""

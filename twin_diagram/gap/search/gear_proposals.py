@@ -20,7 +20,7 @@ from twin_diagram.gap.search.backlash_gaps import Knocks
 from twin_diagram.gap.search.bench import Bench
 from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
-from twin_diagram.gap.search.scoring import basis, score_candidate
+from twin_diagram.gap.search.scoring import basis, score_both
 from twin_diagram.model.dynamics.elastic_gears import Untwisted
 from twin_diagram.model.effects.elasticity import Backlash, JointElasticity
 from twin_diagram.model.effects.inertia import ReflectedInertia
@@ -122,11 +122,12 @@ def propose(bench: Bench, terms: Terms, members: Members, joints: Sequence[int],
             candidate = gear(terms, shape, bare)
             if candidate is None:
                 continue
-            score = score_candidate(bench, candidate, bases[0], projected[0]) - candidate.cost
+            white = bench.whiten(candidate)  # beside each hypothesis it is the same
+            scores = [score_both(bench, candidate, Q, told, white) for Q, told in zip(bases, projected, strict=True)]
+            score = scores[0][0] - candidate.cost
             if score > crowded.get(shape.name, (PRIOR_COSTS.new_name + TUNING.worth, candidate))[0]:
                 crowded[shape.name] = score, candidate
-            for rest, Q, told in zip(rests, bases, projected, strict=True):
-                score = score_candidate(bench, candidate, Q, told, bounded=True)
+            for rest, (_, score) in zip(rests, scores, strict=True):
                 if score > best.get((shape.name, rest), (0.0, candidate))[0]:
                     best[shape.name, rest] = score, candidate
         known = {id(candidate): bench.add(candidate) for _, candidate in crowded.values()}
@@ -162,15 +163,16 @@ def promising(
     """
     springs = [k for k, shape in enumerate(shapes) if shape.name == JointElasticity.name]
     rough = {k: gear(terms, shapes[k], bare, roughly=True) for k in springs}
+    white = {k: bench.whiten(one) for k, one in rough.items() if one is not None}
     kept = set(range(len(shapes))) - set(springs)
     for Q, told in zip(bases, projected, strict=True):
-        for bounded in (False, True):
-            scores = [
-                (score_candidate(bench, one, Q, told, bounded=bounded) - one.cost, k)
-                for k, one in rough.items()
-                if one is not None
-            ]
-            kept |= {k for _, k in sorted(scores, reverse=True)[: TUNING.finished]}
+        scores = {
+            k: np.array(score_both(bench, one, Q, told, white[k])) - one.cost
+            for k, one in rough.items()
+            if one is not None
+        }
+        for bounded in (0, 1):
+            kept |= set(sorted(scores, key=lambda k: (scores[k][bounded], k), reverse=True)[: TUNING.finished])
     return [shapes[k] for k in sorted(kept)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.signals.arrays import Array
@@ -27,6 +28,7 @@ class InnerProducts:
         self._columns = columns
         self._grams: dict[tuple[int, int], Array] = {}
         self._blocks: dict[tuple[int, int, int], Array] = {}
+        self._rows: list[npt.NDArray[np.int64]] = []
         self._joints: dict[tuple[int, tuple[int, ...]], Array] = {}
 
     def gram(self, i: int, k: int) -> Array:
@@ -48,15 +50,28 @@ class InnerProducts:
             order: candidates as they are stacked; 0 stands where one does nothing to a joint.
         """
         n, sizes = len(self._y), [self._candidates[k].size for k in order]
-        ends = np.cumsum([0, *sizes])
-        square, right, between = np.empty(n), np.zeros((n, ends[-1])), np.zeros((n, ends[-1], ends[-1]))
+        total = sum(sizes)
+        square, right, between = np.empty(n), np.zeros((n, total)), np.zeros((n, total, total))
+        acts = np.zeros((len(order), n), dtype=bool)
+        for at, k in enumerate(order):
+            acts[at, self._rows_of(k)] = True
+        of_columns = np.repeat(acts, sizes, axis=0)
         for j in range(n):
-            there = [at for at, k in enumerate(order) if j in self._candidates[k].rows]
-            index = np.concatenate([np.arange(ends[at], ends[at + 1]) for at in there]) if there else ends[:0]
-            G = self._on_joint(j, tuple(order[at] for at in there))
-            square[j], right[j, index] = G[0, 0], G[0, 1:]
+            G = self._on_joint(j, tuple(k for k, there in zip(order, acts[:, j].tolist(), strict=True) if there))
+            square[j] = G[0, 0]
+            if len(G) == total + 1:
+                right[j], between[j] = G[0, 1:], G[1:, 1:]
+                continue
+            index = np.flatnonzero(of_columns[:, j])
+            right[j, index] = G[0, 1:]
             between[j, index[:, None], index] = G[1:, 1:]
         return square, right, between
+
+    def _rows_of(self, k: int) -> npt.NDArray[np.int64]:
+        """Return the joints whose torque a candidate changes, as an index."""
+        while len(self._rows) <= k:
+            self._rows.append(np.array(self._candidates[len(self._rows)].rows, dtype=np.int64))
+        return self._rows[k]
 
     def _on_joint(self, j: int, there: tuple[int, ...]) -> Array:
         """Return the inner products (1 + m, 1 + m) of the residual and of candidates' columns on a joint.

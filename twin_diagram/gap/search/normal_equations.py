@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import LinAlgError
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtri
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.signals.arrays import Array
@@ -54,7 +54,7 @@ def smaller_each(sizes: npt.NDArray[np.int64], c: Array, variance: Array, spread
 
 
 def coefficients(right: Array, between: Array, variance: Array, spread: Array) -> tuple[Array, Array, float]:
-    """Solve generalised least squares: coefficients, their covariance, and log det of S Λ⁻¹.
+    """Solve generalised least squares: coefficients, the lower Cholesky factor of S, and log det of S Λ⁻¹.
 
     Args:
         right: (n, K) inner products of each joint's residual with the columns.
@@ -67,18 +67,33 @@ def coefficients(right: Array, between: Array, variance: Array, spread: Array) -
     """
     if not len(spread):
         return np.zeros(0), np.zeros((0, 0)), 0.0
-    S = np.tensordot(1.0 / variance, between, 1)
-    S.flat[:: len(S) + 1] += spread**-2.0
+    K = len(spread)
+    S = ((1.0 / variance) @ between.reshape(len(between), -1)).reshape(K, K)
+    S.flat[:: K + 1] += spread**-2.0
     # The routines behind `cho_solve`, whose checks take longer than they do.
     factor, wrong = dpotrf(S, lower=1)
     if wrong:
         raise LinAlgError("not positive definite")
     c, _ = dpotrs(factor, (1.0 / variance) @ right, lower=1)
+    return c, factor, 2.0 * float(np.sum(np.log(np.diag(factor)) + np.log(spread)))
+
+
+def covariance_of(factor: Array) -> Array:
+    """Return S⁻¹ (K, K) of the lower Cholesky factor of S."""
+    if not len(factor):
+        return np.zeros((0, 0))
     half = dpotri(factor, lower=1)[0]  # above whose diagonal there is nothing, as in the factor
     covariance = half + half.T
-    covariance.flat[:: len(S) + 1] *= 0.5
-    logdet = 2.0 * float(np.sum(np.log(np.diag(factor)) + np.log(spread)))
-    return c, covariance, logdet
+    covariance.flat[:: len(factor) + 1] *= 0.5
+    return np.asarray(covariance)
+
+
+def variances_of(factor: Array) -> Array:
+    """Return the diagonal (K,) of S⁻¹ alone, for half the work."""
+    if not len(factor):
+        return np.zeros(0)
+    inverse = dtrtri(factor, lower=1)[0]
+    return np.asarray(np.einsum("ij,ij->j", inverse, inverse))
 
 
 def increments(G: Array, b: Array, spread: Array) -> Array:
@@ -88,9 +103,9 @@ def increments(G: Array, b: Array, spread: Array) -> Array:
 
 def solutions(G: Array, b: Array, spread: Array) -> tuple[Array, Array]:
     """Return the same, and the coefficients (m, k)."""
-    wide, c, variance = _solution(G, b, spread)
     if b.shape[1] > TUNING.simple:
-        return wide, c
+        return _curve(G, b, spread)
+    wide, c, variance = _solution(G, b, spread)
     scale = smaller(c, variance, spread)[:, None]
     narrow, closer, _ = _solution(G, b, spread * scale)
     better = narrow - TUNING.scale_price > wide
@@ -108,6 +123,14 @@ def _solution(G: Array, b: Array, spread: Array) -> tuple[Array, Array, Array]:
     c = spread * np.einsum("mij,mj->mi", inverse, spread * b)
     _, logdet = np.linalg.slogdet(scaled)
     return 0.5 * np.sum(b * c, axis=1) - 0.5 * logdet, c, spread**2 * np.einsum("mii->mi", inverse)
+
+
+def _curve(G: Array, b: Array, spread: Array) -> tuple[Array, Array]:
+    """Return rises and coefficients alone, of effects of which no width is asked, without an inverse."""
+    scaled = spread[:, :, None] * G * spread[:, None, :]
+    scaled += np.eye(G.shape[1])
+    c = spread * np.linalg.solve(scaled, (spread * b)[:, :, None])[:, :, 0]
+    return 0.5 * np.sum(b * c, axis=1) - 0.5 * np.linalg.slogdet(scaled)[1], c
 
 
 def increment(G: Array, b: Array, spread: Array, candidates: list[Candidate]) -> Array:

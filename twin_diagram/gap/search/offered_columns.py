@@ -58,17 +58,23 @@ class OfferedColumns:
         self._offered: list[bool] = []
         self._several: tuple[list[int], Array] | None = None
         self._groups: list[Group] | None = None
+        self._beside: dict[int, Array] = {}
 
     def add(self, offered: bool) -> None:
         """Note whether the next candidate is offered."""
         self._offered.append(offered)
         if offered:
-            self._groups = self._several = None
+            self._forget()
 
     def offer(self, k: int) -> None:
         """Offer a candidate that was taken in without being offered."""
         self._offered[k] = True
+        self._forget()
+
+    def _forget(self) -> None:
+        """Drop what was stacked before another candidate was offered."""
         self._groups = self._several = None
+        self._beside = {}
 
     def __contains__(self, k: int) -> bool:
         """Return whether a candidate is offered."""
@@ -87,6 +93,29 @@ class OfferedColumns:
                 start += size
             self._several = indices, stacked.reshape(n * rows, stacked.shape[2])
         return self._several
+
+    def beside(self, k: int) -> Array:
+        """Return inner products (size, M) of a candidate's columns with those of `by_joint`, then of `wide`.
+
+        All hypotheses that it is in share them.
+        """
+        if k not in self._beside:
+            rows, own, of_joint = self._candidates[k].rows, self._columns[k], self.by_joint()
+            zeros = np.zeros((own.shape[2], 0))
+            parts = [
+                own[rows.index(group.joint)].T @ group.columns
+                if group.joint in rows
+                else np.zeros((own.shape[2], group.columns.shape[1]))
+                for group in of_joint
+            ]
+            wide = self.wide()[1].reshape(*self._shape, -1)[list(rows)]
+            last = own.reshape(-1, own.shape[2]).T @ wide.reshape(-1, wide.shape[2]) if wide.shape[2] else zeros
+            self._beside[k] = np.concatenate([*parts, last], axis=1)
+        return self._beside[k]
+
+    def width(self) -> int:
+        """Return the number M of columns that are offered."""
+        return sum(group.columns.shape[1] for group in self.by_joint()) + self.wide()[1].shape[1]
 
     def by_joint(self) -> list[Group]:
         """Return candidates of one row, by joint and number of coefficients, side by side."""

@@ -6,8 +6,7 @@ that every pair of moments costs one small solution.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+from collections import defaultdict
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +18,8 @@ from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.residuals.prepared_logs import Record
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.bench import Bench
+from twin_diagram.gap.search.blocks_of_time import TUNING as BLOCKS
+from twin_diagram.gap.search.blocks_of_time import block_edges, block_sums, scores, span_scores, spans, sums_of
 from twin_diagram.gap.search.evidence import Members
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.prior_costs import TUNING as PRIOR_COSTS
@@ -32,17 +33,8 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, chosen by hand; `make gap-benchmark ARGS="--suite training"` shows what they do."""
 
-    blocks: int = 64
-    """Moments at which an effect is tried to start; refined to single samples afterwards."""
-
     nearby: tuple[float, ...] = (-1.5, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.5)
     """Moments that are tried about the best sample, in thinned periods."""
-
-    longest: int = blocks // 2
-    """Blocks that a push may last that ends: what goes on for most of a log and ends is no event."""
-
-    margin: int = 3
-    """An effect must last, and be preceded by, this many blocks to count as one that starts or ends."""
 
     worth: float = 10.0
     """Evidence beyond the price of a name that makes a candidate worth proposing [nats]."""
@@ -56,6 +48,9 @@ class Tuning:
     seen: float = 0.05
     """Share of a candidate's information that must lie before its start: where an arm stood still, nothing could
     show."""
+
+    remembered: int = 200
+    """Steps in time that are kept, of a few kilobytes each; of a log of ten minutes 0.2 MB."""
 
     crowded: int = 8
     """A hypothesis with more members is not asked what it leaves."""
@@ -72,6 +67,7 @@ class Proposer:
         self._ripples: dict[int, tuple[Array, Array, Array]] = {}
         self._forces: list[Candidate] | None = None
         self._force_columns: list[Array] = []
+        self._steps: dict[tuple[int, float], Array] = {}
         self._asked: set[frozenset[tuple[str, tuple[int, ...], tuple[str, ...]]]] = set()
 
     def __call__(self, bench: Bench, members: Members) -> list[int]:
@@ -126,22 +122,25 @@ class Proposer:
         """Return the best start of every candidate that may start within the logs, where it is worth it."""
         found: list[tuple[float, int, int]] = []
         edges = block_edges(bench.rows)
-        for k in range(len(bench.candidates)):
-            candidate = bench.candidates[k]
+        of_rows: defaultdict[tuple[int, ...], list[int]] = defaultdict(list)
+        for k, candidate in enumerate(bench.candidates):
             plain = candidate.onset is None and candidate.variant == "" and k in bench.offered
-            if not plain or not record_of(candidate.name).starts:
-                continue
-            rows = list(candidate.rows)
-            G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], edges)
-            size = np.einsum("bkk,k->b", G, candidate.spread**2)
-            seen = np.cumsum(size) - size >= TUNING.seen * np.sum(size)
-            # Sums from each block on.
-            G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
-            scores = _scores(G, C, b, candidate.spread, projected) - np.log(TUNING.blocks) - candidate.cost
-            whole = scores[0] + np.log(TUNING.blocks)
-            start = TUNING.margin + int(np.argmax(np.where(seen, scores, -np.inf)[TUNING.margin : -TUNING.margin]))
-            if scores[start] > max(whole + TUNING.start_worth, PRIOR_COSTS.new_name + TUNING.worth):
-                found.append((float(scores[start]), k, start))
+            if plain and record_of(candidate.name).starts:
+                of_rows[candidate.rows].append(k)
+        for rows, some in of_rows.items():
+            there = list(rows)
+            each = sums_of([bench.columns[k] for k in some], Q[there], bench.y[there], edges)
+            for k, sums in zip(some, each, strict=True):
+                candidate = bench.candidates[k]
+                size = np.einsum("bkk,k->b", sums[0], candidate.spread**2)
+                seen = np.cumsum(size) - size >= TUNING.seen * np.sum(size)
+                # Sums from each block on.
+                G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in sums)
+                rises = scores(G, C, b, candidate.spread, projected) - np.log(BLOCKS.blocks) - candidate.cost
+                whole = rises[0] + np.log(BLOCKS.blocks)
+                start = BLOCKS.margin + int(np.argmax(np.where(seen, rises, -np.inf)[BLOCKS.margin : -BLOCKS.margin]))
+                if rises[start] > max(whole + TUNING.start_worth, PRIOR_COSTS.new_name + TUNING.worth):
+                    found.append((float(rises[start]), k, start))
         made = []
         for _, k, start in sorted(found, reverse=True)[:6]:
             made.append(bench.add(self._started(bench, Q, projected, k, start, edges)))
@@ -156,9 +155,9 @@ class Proposer:
         fine = np.append(np.arange(edges[start - 1], edges[start + 1] + 1), bench.rows)
         G, C, b = block_sums(bench.columns[k], Q[rows], bench.y[rows], fine)
         G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
-        at = int(fine[int(np.argmax(_scores(G, C, b, base.spread, projected)))])
+        at = int(fine[int(np.argmax(scores(G, C, b, base.spread, projected)))])
         made = self._during(bench, base, at, bench.rows, Q, projected)
-        made = replace(made, cost=base.cost + float(np.log(TUNING.blocks)), variant="starting")
+        made = replace(made, cost=base.cost + float(np.log(BLOCKS.blocks)), variant="starting")
         return replace(made, name=record_of(made.name).started or made.name)
 
     def _during(self, bench: Bench, base: Candidate, at: int, to: int, Q: Array, projected: Array) -> Candidate:
@@ -175,14 +174,24 @@ class Proposer:
             return base.during(active(self.terms, onset, end), onset, end)
         for _ in range(2):
             starts = [(onset[0], onset[1] + share * period) for share in TUNING.nearby]
-            acts = [active(self.terms, moment, end) for moment in starts]
+            ended = 0.0 if end is None else self._begun(end)
+            acts = [self._begun(moment) - ended for moment in starts]
             onset = starts[int(np.argmax(score_spans(bench, base, acts, Q, projected)))]
             if end is None:
                 break
             ends = [(end[0], end[1] + share * period) for share in TUNING.nearby]
-            acts = [active(self.terms, onset, moment) for moment in ends]
+            begun = self._begun(onset)
+            acts = [begun - self._begun(moment) for moment in ends]
             end = ends[int(np.argmax(score_spans(bench, base, acts, Q, projected)))]
         return base.during(active(self.terms, onset, end), onset, end)
+
+    def _begun(self, moment: tuple[int, float]) -> Array:
+        """Return `active` from a moment on: a hypothesis after the other asks for the same ones."""
+        if moment not in self._steps:
+            if len(self._steps) >= TUNING.remembered:
+                self._steps.clear()
+            self._steps[moment] = active(self.terms, moment, None)
+        return self._steps[moment]
 
     def forces(self, bench: Bench, Q: Array, projected: Array) -> list[int]:
         """Return the best link and span of time of a constant wrench."""
@@ -192,14 +201,12 @@ class Proposer:
         edges = block_edges(bench.rows)
         pairs = spans()
         found: list[tuple[float, int, int, int]] = []
-        for index, candidate in enumerate(self._forces):
-            rows = list(candidate.rows)
-            G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], edges)
-            G, C, b = (np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)]) for x in (G, C, b))
-            dG, dC, db = (x[pairs[:, 1]] - x[pairs[:, 0]] for x in (G, C, b))
-            scores = _scores(dG, dC, db, candidate.spread, projected)
-            best = int(np.argmax(scores))
-            score = float(scores[best]) - 2.0 * np.log(TUNING.blocks) - candidate.cost
+        for (index, candidate), sums in zip(
+            enumerate(self._forces), sums_of(self._force_columns, Q, bench.y, edges), strict=True
+        ):
+            rises = span_scores(*sums, pairs, candidate.spread, projected)
+            best = int(np.argmax(rises))
+            score = float(rises[best]) - 2.0 * np.log(BLOCKS.blocks) - candidate.cost
             if score > PRIOR_COSTS.new_name + TUNING.worth:
                 found.append((score, index, int(pairs[best, 0]), int(pairs[best, 1])))
         likeliest = sorted(found, reverse=True)[:4]
@@ -235,13 +242,13 @@ class Proposer:
             fine = np.unique(np.clip(np.append(np.arange(at - step, at + step + 1), to), 0, to))
             G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], fine)
             G, C, b = (np.cumsum(x[::-1], axis=0)[::-1] for x in (G, C, b))
-            at = int(fine[int(np.argmax(_scores(G, C, b, base.spread, projected)))])
+            at = int(fine[int(np.argmax(scores(G, C, b, base.spread, projected)))])
             fine = np.unique(np.clip(np.append(at, np.arange(to - step, to + step + 1)), at, bench.rows))
             G, C, b = block_sums(self._force_columns[index], Q[rows], bench.y[rows], fine)
             G, C, b = (np.cumsum(x, axis=0) for x in (G, C, b))
-            to = int(fine[1 + int(np.argmax(_scores(G, C, b, base.spread, projected)))])
+            to = int(fine[1 + int(np.argmax(scores(G, C, b, base.spread, projected)))])
         made = self._during(bench, base, at, to, Q, projected)
-        return replace(made, cost=base.cost + 2.0 * float(np.log(TUNING.blocks)), variant="spanned")
+        return replace(made, cost=base.cost + 2.0 * float(np.log(BLOCKS.blocks)), variant="spanned")
 
 
 def active(terms: Terms, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Array:
@@ -269,33 +276,3 @@ def after(record: Record, moment: tuple[int, float]) -> Array:
     steps = np.diff(shares[at - 3 : at + 1])  # all of it is in these, but for how times are rounded
     result[near] = sum(step * answer[place + back] for step, back in zip(steps, (2, 1, 0), strict=True))
     return result
-
-
-def spans() -> npt.NDArray[np.int64]:
-    """Return (P, 2) blocks at which a push may begin and end; one that goes on beyond the log may last longer."""
-    brief = [(i, k) for i in range(1, TUNING.blocks) for k in range(i + 2, min(i + TUNING.longest, TUNING.blocks) + 1)]
-    return np.array(brief + [(i, TUNING.blocks) for i in range(TUNING.margin, TUNING.blocks - TUNING.longest)])
-
-
-def _scores(G: Array, C: Array, b: Array, spread: Array, projected: Array) -> Array:
-    """Rises of the evidence (B,), for sums over spans of time."""
-    rest = C.transpose(0, 2, 1) @ C
-    return increments(G - rest, b - np.einsum("bki,k->bi", C, projected), np.broadcast_to(spread, b.shape))
-
-
-def block_edges(rows: int) -> npt.NDArray[np.int64]:
-    """Return (BLOCKS + 1,) bounds of equal blocks of rows."""
-    return np.round(np.linspace(0, rows, TUNING.blocks + 1)).astype(np.int64)
-
-
-def block_sums(
-    X: Array, Q: Array, y: Array, edges: Sequence[int] | npt.NDArray[np.int64]
-) -> tuple[Array, Array, Array]:
-    """Return per block the information (B, k, k) of columns X (rows, R, k), and their products with Q and y."""
-    G, C, b = [], [], []
-    for first, last in itertools.pairwise(edges):
-        part = X[:, first:last].reshape(-1, X.shape[2])
-        G.append(part.T @ part)
-        C.append(Q[:, first:last].reshape(-1, Q.shape[2]).T @ part)
-        b.append(part.T @ y[:, first:last].ravel())
-    return np.array(G), np.array(C), np.array(b)

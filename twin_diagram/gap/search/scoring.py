@@ -38,16 +38,31 @@ def basis(bench: Bench, members: Members) -> Array:
     return np.ascontiguousarray(solve_triangular(L, flat.T, lower=True).T.reshape(stacked.shape))
 
 
+def _beside_all(bench: Bench, members: Members) -> tuple[Array, Array]:
+    """Return products of a hypothesis's basis with all offered columns (K, M), see `OfferedColumns.beside`, and with y.
+
+    The basis itself, of as many samples as the logs have, is not needed for them.
+    """
+    order = bench.solver.order(members)
+    if not order:
+        return np.zeros((0, bench.offered.width())), np.zeros(0)
+    _, right, between = bench.products.stacked(order)
+    S = np.sum(between, axis=0) + np.diag(np.concatenate([bench.candidates[k].spread for k in order]) ** -2.0)
+    both = np.column_stack([np.concatenate([bench.offered.beside(k) for k in order]), np.sum(right, axis=0)])
+    found = solve_triangular(np.linalg.cholesky(S), both, lower=True, check_finite=False)
+    return found[:, :-1], found[:, -1]
+
+
 def score_candidates(bench: Bench, members: Members) -> Array:
     """Return the rise of the evidence by each candidate alone, before its name's price; −∞ where it is not physical."""
-    Q = basis(bench, members)
-    projected = np.einsum("jrk,jr->k", Q, bench.y) if Q.shape[2] else np.zeros(0)
+    C, projected = _beside_all(bench, members)
     result = np.full(len(bench.candidates), -np.inf)
     of_one_size: dict[int, list[tuple[Group, Array, Array]]] = {}
+    first = 0
     for group in bench.offered.by_joint():
         many, size = group.spread.shape
-        C = (Q[group.joint].T @ group.columns).reshape(-1, many, size)
-        apart = C.transpose(1, 2, 0)
+        apart = C[:, first : first + many * size].reshape(len(C), many, size).transpose(1, 2, 0)
+        first += many * size
         left = group.own - apart @ apart.transpose(0, 2, 1), group.right - apart @ projected
         of_one_size.setdefault(size, []).append((group, *left))
     for groups in of_one_size.values():  # side by side: one by one, calls would take longer than the work
@@ -64,10 +79,8 @@ def score_candidates(bench: Bench, members: Members) -> Array:
                 physical[start + at] &= bench.candidates[group.indices[at]].allows(c[start + at])
             start += len(group.indices)
         result[np.concatenate([group.indices for group in there])] = np.where(physical, rise, -np.inf)
-    flat = Q.reshape(bench.n * bench.rows, Q.shape[2])
-    several, wide = bench.offered.wide()
-    C = flat.T @ wide
-    start = 0
+    several, _ = bench.offered.wide()
+    start = first
     of_size: dict[int, list[tuple[int, Array, Array]]] = {}
     for k in several:
         candidate = bench.candidates[k]
@@ -101,14 +114,32 @@ def score_candidate(
         bounded: whether it is −∞ where the coefficients are not physical.
         white: what `Bench.whiten` gave, where the caller has it.
     """
+    free, physical = score_both(bench, candidate, Q, projected, bench.whiten(candidate) if white is None else white)
+    return physical if bounded else free
+
+
+def score_both(bench: Bench, candidate: Candidate, Q: Array, projected: Array, white: Array) -> tuple[float, float]:
+    """Return the rise of the evidence by a candidate that is not taken in, and the same, −∞ if it is not physical.
+
+    Args:
+        bench: with the data.
+        candidate: reduced like the bench's residual.
+        Q: (n, R, K) of the hypothesis that it would join, as `basis` has it.
+        projected: (K,) Qᵀy.
+        white: what `Bench.whiten` gave.
+    """
     rows = list(candidate.rows)
-    X = (bench.whiten(candidate) if white is None else white).reshape(-1, candidate.size)
-    C = Q[rows].reshape(len(X), Q.shape[2]).T @ X
+    X = white.reshape(-1, candidate.size)
+    C = on_rows(Q, rows).T @ X
     b = X.T @ bench.y[rows].ravel() - C.T @ projected
-    G = (X.T @ X - C.T @ C)[None]
-    if bounded:
-        return float(increment(G, b[None], candidate.spread[None], [candidate])[0])
-    return float(increments(G, b[None], candidate.spread[None])[0])
+    rise, c = solutions((X.T @ X - C.T @ C)[None], b[None], candidate.spread[None])
+    free = float(rise[0])
+    return free, free if candidate.allows(c[0]) else -np.inf
+
+
+def on_rows(Q: Array, rows: Sequence[int]) -> Array:
+    """Return a basis (n, R, K) on some joints, put end to end (len(rows) R, K); not copied where they are all."""
+    return (Q if len(rows) == len(Q) else Q[rows]).reshape(len(rows) * Q.shape[1], Q.shape[2])
 
 
 def score_spans(bench: Bench, candidate: Candidate, acts: Sequence[Array], Q: Array, projected: Array) -> Array:
@@ -142,7 +173,7 @@ def score_spans(bench: Bench, candidate: Candidate, acts: Sequence[Array], Q: Ar
     parts = [inner.joints(rows, candidate.columns[start:stop] * act[start:stop, None, None]) for act in acts]
     parts = [part * bench.weights[rows, place, None] for part in parts]
     near, there = Q[rows, place].reshape(-1, Q.shape[2]), bench.y[rows, place].ravel()
-    flat, C = one.reshape(-1, size), Q[rows].reshape(-1, Q.shape[2]).T @ one.reshape(-1, size)
+    flat, C = one.reshape(-1, size), on_rows(Q, rows).T @ one.reshape(-1, size)
     G, b = flat.T @ flat, flat.T @ bench.y[rows].ravel()
     informed, right = [], []
     for part in parts:

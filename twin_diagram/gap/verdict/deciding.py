@@ -34,6 +34,10 @@ class Tuning:
     beside: float = 6.5
     """The same where something was named."""
 
+    exact: float = 1e-3
+    """Share of a joint's torque, twice `Bench`'s `finest`, up to which structure is what the step of a simulator or a
+    controller, filters and sampling leave; noise of a four hundredth of the torque hides as much."""
+
     mostly: float = 0.5
     """Where a flexible model explains more of the residual than this share of what was named, nothing is named."""
 
@@ -190,13 +194,17 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -
     raised = beyond > (
         TUNING.level + TUNING.of_few / np.maximum(bench.counts, 1.0) if fit.members else TUNING.far_above
     )
-    structure = left.statistic > TUNING.remainder or bool(np.any(raised))
+    # Whether pieces of a name follow something is asked of all structure, whether to speak of it of what is no trifle.
+    worth_a_word = left.beyond(TUNING.exact)
+    structure = bool(np.any(raised)) or left.statistic > TUNING.remainder
+    said = bool(np.any(raised)) or worth_a_word > TUNING.remainder
     noise = np.hypot(whitening.noise_below(bench.whitener, records.rate), records.above)
     findings: tuple[Finding, ...] = ()
     separation: tuple[Separation, ...] = ()
     if fit.members:
         red = redness(bench.whitener, records.rate, bench.counts > 1.0) > TUNING.red
         structure = structure or left.statistic > TUNING.beside or red
+        said = said or worth_a_word > TUNING.beside or red
         findings = findings_of(records, bench, fit)
         less = trimmed(bench, fit) if structure else fit
         if less.members != fit.members:
@@ -204,21 +212,26 @@ def conclude(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -
             fit = less
             findings = tuple(surer(f, sure[f.name]) for f in findings_of(records, bench, fit))
         separation = separations_of(records, bench, fit)
-        structure = structure or crowded(findings) or doubled(bench, fit)
+        odd = crowded(findings) or doubled(bench, fit)
+        structure, said = structure or odd, said or odd
         named = {name: frozenset(group) for name, group in groups(bench, fit.members).items()}
         shares = {name: share_of(bench, fit, group) for name, group in named.items()}
         kept = tuple(f for f in findings if not negligible(f, findings, shares[f.name], structure))
-        structure = structure or len(kept) < len(findings)
-        findings = tuple(less_sure(f, TUNING.less_sure) for f in kept) if structure else kept
+        said = said or any(negligible(f, findings, shares[f.name], said) for f in findings)
+        rest = frozenset().union(*(named[f.name] for f in kept))
+        if not said and rest != chosen.members:  # what goes without a name is left, too
+            without = leftover_structure.left_over(records, terms, bench, bench.solve(rest))
+            said = without.beyond(TUNING.exact) > TUNING.beside
+        findings = tuple(less_sure(f, TUNING.less_sure) for f in kept) if said else kept
     touched = np.isin(np.arange(records.n), [j for k in fit.members for j in bench.candidates[k].rows])
     doubted = mostly_left(bench, fit, raised & touched)
-    unknown = structure and (not findings or left.gain > TUNING.mostly * likelihood_gain(bench, fit) or doubted)
+    unknown = said and (not findings or left.gain > TUNING.mostly * likelihood_gain(bench, fit) or doubted)
     unknown = unknown or outdone(bench, chosen) or deaf(bench, chosen) or guessed(findings)
     if unknown:
         findings, separation = (), ()
     return Verdict(
         verdict="unknown" if unknown else "named" if findings else "none",
-        remainder=bool(structure and findings),
+        remainder=bool(said and findings),
         findings=findings,
         where=(),
         separation=separation,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,18 +36,27 @@ class LeftOver:
         statistic: the largest of the joints' (explained − expected) / standard deviation under pure noise.
         gain: twice the log likelihood gained beyond what noise would give, all joints.
         joints: (n,) the statistic per joint.
+        shares: (n,) what is explained beyond what noise would give, over the joint's torque, both root mean square;
+            empty: not known.
     """
 
     statistic: float
     gain: float
     joints: Array
+    shares: Array = field(default_factory=lambda: np.zeros(0))
+
+    def beyond(self, share: float) -> float:
+        """Return the largest statistic of joints on which more than a share of their torque is explained."""
+        if not len(self.shares):
+            return self.statistic
+        return float(np.max(np.where(self.shares > share, self.joints, 0.0)))
 
 
 def left_over(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) -> LeftOver:
     """Regress each joint's residual on curves of its angle, speed, torque and of time."""
     residual = bench.left(fit)
     noise = noise_of(bench, fit)
-    statistic = np.zeros(records.n)
+    statistic, shares = np.zeros(records.n), np.zeros(records.n)
     gain = 0.0
     for j in range(records.n):
         # What the named model already has must not count again; a time shift is of all joints or none.
@@ -68,7 +77,9 @@ def left_over(records: Records, terms: Terms, bench: Bench, fit: HypothesisFit) 
         expected = count * float(np.log(free / max(1.0, free - k)))
         statistic[j] = (ratio - expected) / (np.sqrt(2.0 * k) * count / max(1.0, free - k))
         gain += max(0.0, ratio - expected)
-    return LeftOver(float(np.max(statistic)), gain, statistic)
+        explained = noise.sigma[j] * np.sqrt(max(0.0, -np.expm1(-(ratio - expected) / count)))
+        shares[j] = explained / max(float(terms.torque_size[j]), 1e-12)
+    return LeftOver(float(np.max(statistic)), gain, statistic, shares)
 
 
 def profiled(y: Array, X: Array, noise: Whitener, j: int, weights: Array) -> tuple[float, int]:

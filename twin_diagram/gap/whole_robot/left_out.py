@@ -118,6 +118,8 @@ class Linearised:
 
     def likelihoods(self, parts: Sequence[Chosen]) -> Array:
         """Return (U, n) left-out log likelihood where coordinates of one of parts (Z,) are as described each."""
+        if not parts:  # of an arm of which nothing is free any more
+            return np.zeros((0, self.problem.n))
         fits, C, mean = self.fits, self.covariances, self.problem.mean
         moved = np.repeat(fits[:, None], len(parts), axis=1)
         places = [np.flatnonzero(part) for part in parts]

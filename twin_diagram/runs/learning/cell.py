@@ -158,7 +158,8 @@ class Cell:
         self._corrected: dict[str, tuple[ViewCamera, float]] = {}
         self.observer: Observer | None = None
         self.doing = FREE
-        self._rate = np.zeros_like(self._command)
+        self._torque = np.zeros_like(self._command)
+        self._ahead = np.zeros(1), self._command[None], self._torque[None], 0.0
         self._spent = np.zeros(2)
         self.shut_at: Array | None = None
         self._send()
@@ -228,6 +229,7 @@ class Cell:
     def _send(self) -> None:
         station, context = self._station, self._context
         station.GetInputPort(ports.POSITION_COMMANDED).FixValue(context, self._command)
+        station.GetInputPort(ports.TORQUE_COMMANDED).FixValue(context, self._torque)
         station.GetInputPort(ports.GRIPPER_COMMANDED).FixValue(context, self._fingers.at(self._opened))
         station.GetInputPort(ports.GRIPPER_FORCE_LIMIT).FixValue(context, [self._force])
 
@@ -253,33 +255,39 @@ class Cell:
             self.observer.ticked(self._station, self._context, self.doing)
         stopping.check()
 
-    def follow(self, times: Array, q: Array, at: Callable[[float], None] | None = None) -> None:
+    def follow(
+        self, times: Array, q: Array, at: Callable[[float], None] | None = None, torque: Array | None = None
+    ) -> None:
         """Go along joint angles.
 
         Args:
             times: (M,) from now, ascending [s].
             q: (M, n) [rad].
             at: called after each tick with the time since the begin [s].
+            torque: (M, n) that the driver adds to its own [N·m]; None: nothing. Afterwards it adds nothing any more.
         """
         begin, tick = self.time, TUNING.weighed_tick if self._recording is not None else TUNING.tick
+        added = np.zeros_like(q) if torque is None else torque
         for k in range(1, int(np.ceil(times[-1] / tick)) + 1):
             now = min(k * tick, float(times[-1]))
-            command = np.array([np.interp(now, times, q[:, j]) for j in range(q.shape[1])])
-            self._rate, self._command = (command - self._command) / tick, command
+            self._ahead = times, q, added, now
+            self._command, self._torque = at_time(now, times, q), at_time(now, times, added)
             self._advance(begin + k * tick)
             if at is not None:
                 at(now)
-        self._rate = np.zeros_like(self._command)
+        self._torque = np.zeros_like(self._command)
 
     def wait(self, seconds: float) -> None:
         """Stay where it is."""
         self.follow(np.array([0.0, seconds]), np.stack([self._command, self._command]))
 
     def brake(self) -> None:
-        """Come to rest from a motion that was broken off: what is held stays in the hand."""
+        """Come to rest from a motion that was broken off, along it, as it is clear: what is held stays in the hand."""
+        way, q, added, now = self._ahead
         times = np.arange(0.0, TUNING.braking + 1e-9, TUNING.tick)
-        way = times - 0.5 * times**2 / TUNING.braking
-        self.follow(times, self._command + way[:, None] * self._rate)
+        later, pace = now + times - 0.5 * times**2 / TUNING.braking, 1.0 - times / TUNING.braking
+        torque = pace[:, None] ** 2 * np.array([at_time(t, way, added) for t in later])  # accelerations go so
+        self.follow(times, np.array([at_time(t, way, q) for t in later]), torque=torque)
 
     @contextmanager
     def about(self, phase: str, place: Array) -> Iterator[None]:
@@ -366,6 +374,7 @@ class Cell:
         self._plant.SetPositions(context, kept["positions"])
         self._plant.SetVelocities(context, np.zeros(self._plant.num_velocities()))
         self._command, self._frame = kept["command"].copy(), int(kept["frame"][0])
+        self._ahead = np.zeros(1), self._command[None], np.zeros_like(self._command)[None], 0.0
         self._opened, self._force = float(kept["fingers"][0]), float(kept["fingers"][1])
         driver = self._station.GetSubsystemByName("arm_driver")
         desired = np.concatenate([self._command, self._fingers.at(self._opened)])
@@ -373,6 +382,11 @@ class Cell:
         inner.SetDiscreteState(np.concatenate([desired, np.zeros_like(desired)]))
         self._send()
         self._simulator.Initialize()
+
+
+def at_time(now: float, times: Array, rows: Array) -> Array:
+    """Return what rows (M, n) at times (M,) are at a time [s], in between as on a straight line."""
+    return np.array([np.interp(now, times, rows[:, j]) for j in range(rows.shape[1])])
 
 
 def told_camera(camera: Camera) -> ViewCamera:

@@ -80,11 +80,19 @@ def draw_bin(base: Scenario, seed: int, count: int) -> Scenario:
     for number, kind in enumerate(kinds):
         asset = Asset.load(resolve(f"objects/{kind}", base.packages))
         place = _place(asset, low, high, lying, rng)
-        scenario.world.objects[f"thing_{number}"] = _object(str(kind), asset, place, rng)
+        scenario.world.objects[f"thing_{number}"] = drawn_object(str(kind), asset, place, rng)
     return scenario
 
 
-def _object(kind: str, asset: Asset, place: tuple[Array, list[float]], rng: np.random.Generator) -> WorldObject:
+def drawn_object(kind: str, asset: Asset, place: tuple[Array, list[float]], rng: np.random.Generator) -> WorldObject:
+    """Return an object of a kind with a mass, a hidden load or none, and a friction drawn.
+
+    Args:
+        kind: of `objects/`.
+        asset: of it.
+        place: where it is let go in W [m], and its roll, pitch and yaw [rad].
+        rng: that draws.
+    """
     mass = float(np.exp(rng.uniform(np.log(asset.mass), np.log(max(TUNING.heaviest, asset.mass * 1.01)))))
     load = None
     if rng.uniform() < TUNING.loaded:

@@ -19,6 +19,7 @@ from twin_diagram.runs.learning.choosing import SURE, Choice
 from twin_diagram.runs.learning.ending import end_early
 from twin_diagram.runs.learning.finishing import figures_of, finish
 from twin_diagram.runs.learning.gallery import write_gallery
+from twin_diagram.runs.learning.nudging import nudge_off, plan_nudge
 from twin_diagram.runs.learning.one_object import OneObject
 from twin_diagram.runs.learning.record import Learned, LearningRecord, RunState, plain
 from twin_diagram.runs.learning.setting_down import PutDown
@@ -68,7 +69,7 @@ class Learner:
         self.tools, self.record, self.state, self._say = tools, record, state, say
         self._jobs = ShapeJobs()
         self._begun, self._handled = time.monotonic(), 0
-        self._left, self._tipped = 0, 0
+        self._left, self._tipped, self._pushed = 0, 0, 0
         self._made: list[Done] = []
         self._held: OneObject | None = None
 
@@ -143,7 +144,9 @@ class Learner:
         """Try to take a thing, at first as was chosen, and do with it all that is to be done."""
         name = f"object_{1 + sum(one.state != 'reported' for one in self.state.learned):02d}"
         picked, failed = Picked(thing), list[Array]()
-        if self._better_tipped(thing, known) and self._tip(name, thing, picture):
+        if self._better_tipped(thing, known) and (
+            self._tip(name, thing, picture) or (known.best() is None and self._push_off(name, thing, picture))
+        ):
             return
         for attempt in range(self.tools.learning.tries):
             with self._stage(name, "pick") as told:
@@ -159,10 +162,10 @@ class Learner:
             if narrowest(thing) > self.tools.gripper.opening_most and self._tip(name, thing, picture):
                 return
         if picked.taken is None:
-            if not self._tip(name, thing, picture):
+            if not self._tip(name, thing, picture) and not self._push_off(name, thing, picture):
                 self._report(picture, thing, picked.why)
             return
-        self._tipped = 0
+        self._tipped, self._pushed = 0, 0
         self._learn(name, picked)
 
     def _better_tipped(self, thing: SeenThing, known: Choice) -> bool:
@@ -181,6 +184,20 @@ class Learner:
         with self._stage(name, "tip up"):
             tip_up(self.tools, plan)
         self._tipped += 1
+        return True
+
+    def _push_off(self, name: str, thing: SeenThing, picture: Picture) -> bool:
+        """Push what cannot be taken off what it lies across, a few times at most; whether that was tried.
+
+        What lies otherwise then may be tipped up anew.
+        """
+        plan = plan_nudge(self.tools, thing, picture) if self._pushed < self.tools.learning.tries else None
+        if plan is None:
+            return False
+        with self._stage(name, "push off") as told:
+            told["outcome"] = nudge_off(self.tools, plan)
+        self._pushed += 1
+        self._tipped = 0
         return True
 
     def _learn(self, name: str, picked: Picked) -> None:
@@ -222,6 +239,7 @@ class Learner:
         """Note something that cannot be taken, with a picture."""
         number = 1 + sum(one.state == "reported" for one in self.state.learned)
         name, file = f"reported_{number:02d}", f"reported/{number:02d}.png"
+        self._tipped, self._pushed = 0, 0  # of what is looked at next
         save_picture(self.record.folder / file, picture, thing, why)
         self.state.learned.append(Learned(name, "reported", why, picture=file))
         self.state.given_up.append(thing.middle.tolist())

@@ -175,4 +175,4 @@ def weigh_empty(tools: Tools, shown: ShownObject, opening: float, file: Path) ->
         NoWay: there is no way to where that begins.
     """
     if shown.swung is not None:
-        write_swung(file, swing_empty(tools.model, tools.mover, tools.cell, shown.swung, opening))
+        write_swung(file, swing_empty(tools.driven, tools.mover, tools.cell, shown.swung, opening))

@@ -23,6 +23,7 @@ from twin_diagram.runs.learning.in_the_way import in_the_way
 from twin_diagram.runs.learning.motion import NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import go, lift
+from twin_diagram.runs.learning.pressing import pressed
 from twin_diagram.signals.arrays import Array
 
 
@@ -48,9 +49,6 @@ class Tuning:
 
     away: tuple[float, float] = (0.05, 0.05)
     """By which the fingers leave it, back and up [m]."""
-
-    tick: float = 0.06
-    """From one of them to the next [s]."""
 
 
 TUNING = Tuning()
@@ -183,14 +181,8 @@ class _Push:
 
     def _pressed(self, place: Array, longer: float = 1.0) -> Array:
         """Go to a place (2,), see `way_of`, and return the force (3,) with which the fingers press in W [N]."""
-        X_WT = tool_poses(self.flat, place[None], self.tools.gripper)[0] * np.array([self.turn, self.turn, 1.0, 1.0])
-        line = self.tools.mover.through(self.tools.cell.commanded, [X_WT])
-        with self.tools.cell.recording() as messages:
-            self.tools.cell.follow(np.array([0.0, longer * TUNING.tick]), line)
-        q = self.tools.cell.q
-        own = self.tools.model.inverse_dynamics(q[None], np.zeros((1, len(q))), np.zeros((1, len(q))))[0]
-        J = np.asarray(self.tools.model.tool_jacobian(q))[3:]  # linear, in W
-        return np.asarray(np.linalg.lstsq(J.T, np.mean(messages.torque, axis=0) - own, rcond=None)[0])
+        turn = np.array([self.turn, self.turn, 1.0, 1.0])
+        return pressed(self.tools, tool_poses(self.flat, place[None], self.tools.gripper)[0] * turn, longer)
 
 
 def is_clear(flat: FlatThing, poses: Array, gripper: Gripper, barred: Array, others: Array) -> bool:

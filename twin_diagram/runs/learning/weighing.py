@@ -20,6 +20,7 @@ from twin_diagram.estimation.weighing import (
     Shape,
     ShapePrior,
     WeighingError,
+    feed_forward,
     optimise_excitation,
     weigh,
 )
@@ -178,8 +179,7 @@ def best_motion(
         WeighingError: no motion is within the limits.
     """
     low, high = points_S.min(axis=0), points_S.max(axis=0)
-    X_TO = X_TS.copy()
-    X_TO[:3, 3] = X_TS[:3, :3] @ p_SO + X_TS[:3, 3]
+    X_TO = placed(X_TS, p_SO)
     limits = MotionLimits.of(model, acceleration=TUNING.acceleration * np.asarray(model.velocity_limit))
     grip = grip_on(points_S @ X_TS[:3, :3].T + X_TS[:3, 3], cell.apart, cell.force)
     kept = TUNING.clear + TUNING.bends * mass
@@ -247,11 +247,41 @@ def swing_held(
     motion = first_with_room(mover, cell.commanded, search)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
     noted = list[tuple[float, float]]()
-    log = swing(cell, motion, driven.joints, "loaded", noted)
+    low, high = points_S.min(axis=0), points_S.max(axis=0)
+    added = torques_of(driven, motion, placed(X_TS, p_SO), Shape.box(high - low).even(mass))
+    log = swing(cell, motion, driven.joints, "loaded", noted, added)
     return Swung(log, cell.fingers, X_TS, way=way_slipped(log.time, np.array(noted))), motion
 
 
-def swing_empty(model: Model, mover: Mover, cell: Cell, motion: Excitation, opening: float) -> Swung:
+def placed(X_TS: Array, p_SO: Array) -> Array:
+    """Return X_TO (4, 4): an object's axes are those of S (4, 4) in the tool, its origin a place (3,) in S [m]."""
+    X_TO = X_TS.copy()
+    X_TO[:3, 3] = X_TS[:3, :3] @ p_SO + X_TS[:3, 3]
+    return X_TO
+
+
+def torques_of(driven: Model, motion: Excitation, X_TO: Array, parameters: Array) -> Array:
+    """Return torques (M, n) with which the driver follows a motion, one a tick while torques are recorded [N·m].
+
+    By its spring alone an iiwa's leaves a fast swing by up to 9 cm. What holds the object at rest is left out: it hangs
+    in the spring before and after.
+
+    Args:
+        driven: the arm with its rotors (motor side).
+        motion: that is to be followed.
+        X_TO: (4, 4) of the object in the tool.
+        parameters: (10,) that it is thought to have there; zeros: the hand is empty.
+    """
+    torque = feed_forward(driven, RigidTransform(X_TO), parameters, motion.at(_times(motion)))
+    return torque - torque[0]
+
+
+def _times(motion: Excitation) -> Array:
+    """Return when commands of a motion are due [s]."""
+    return np.arange(0.0, motion.harmonics.period + 1e-9, CELL.weighed_tick)
+
+
+def swing_empty(driven: Model, mover: Mover, cell: Cell, motion: Excitation, opening: float) -> Swung:
     """Swing the empty hand as what was held was swung, its fingers as far apart.
 
     Raises:
@@ -259,13 +289,19 @@ def swing_empty(model: Model, mover: Mover, cell: Cell, motion: Excitation, open
     """
     cell.grip(opening / cell.widest)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
-    swung = Swung(swing(cell, motion, model.joints, "empty"), cell.fingers, np.eye(4))
+    added = torques_of(driven, motion, np.eye(4), np.zeros(10))
+    swung = Swung(swing(cell, motion, driven.joints, "empty", torque=added), cell.fingers, np.eye(4))
     cell.grip(1.0)
     return swung
 
 
 def swing(
-    cell: Cell, motion: Excitation, joints: tuple[str, ...], source: str, noted: list[tuple[float, float]] | None = None
+    cell: Cell,
+    motion: Excitation,
+    joints: tuple[str, ...],
+    source: str,
+    noted: list[tuple[float, float]] | None = None,
+    torque: Array | None = None,
 ) -> Log:
     """Go along a motion and return the arm's messages on the way.
 
@@ -276,14 +312,14 @@ def swing(
         source: what the log is called.
         noted: takes times, and the fingers' opening then [s], [m], where they hold something, which may turn between
             them; None: they hold nothing.
+        torque: (M, n) of `torques_of`; None: the driver's spring alone follows.
 
     Raises:
         Slipping: the fingers come nearer to each other, or are pushed apart: what they hold turns. The arm is at rest.
     """
-    period = motion.harmonics.period
     # Each command lies on the motion: between two of them, every other one would lie on their chord, the arm's
     # acceleration would jump to and fro, and messages would show one side of that alone.
-    times = np.arange(0.0, period + 1e-9, CELL.weighed_tick)
+    times = _times(motion)
     q = motion.at(times)[0]
     opening = cell.opening
 
@@ -297,7 +333,7 @@ def swing(
     with cell.recording() as messages:
         cell.wait(TUNING.rest)
         try:
-            cell.follow(times, q, watch)
+            cell.follow(times, q, watch, torque)
         except Slipping:
             cell.brake()
             raise
