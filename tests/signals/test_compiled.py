@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 import numba
@@ -35,6 +36,24 @@ def test_what_is_kept_goes_by_all_kernels_sources(tmp_path: Path, monkeypatch: p
     subject.kept_in.cache_clear()
     assert found[0] == found[2] != found[1]
     assert found[0].parent == package / "__pycache__"
+
+
+def test_kernels_that_nobody_used_for_long_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each version leaves its own; what is in use, of whatever version, and what is none of them stay."""
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    place = tmp_path / "twin_diagram"
+    for name, age in (("kernels-old", 1.01), ("kernels-young", 0.99), ("records", 2.0)):
+        (place / name / "below").mkdir(parents=True)
+        then = time.time() - age * subject.FORGOTTEN
+        os.utime(place / name, (then, then))
+    subject.kept_in.cache_clear()
+    mine = subject.kept_in()
+    subject.kept_in.cache_clear()
+    assert sorted(entry.name for entry in place.iterdir()) == sorted([mine.name, "kernels-young", "records"])
+    os.utime(mine, (0.0, 0.0))
+    assert subject.kept_in() == mine and time.time() - mine.stat().st_mtime < 60.0
+    subject.kept_in.cache_clear()
 
 
 def test_in_a_package_that_cannot_be_written_to_the_users_cache_is_taken(

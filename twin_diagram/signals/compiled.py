@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
+import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Final, TypeVar, cast
 
 import numba
 import numpy as np
@@ -24,6 +26,9 @@ F = TypeVar("F", bound=Callable[..., object])
 
 PACKAGE = Path(__file__).resolve().parents[1]
 """The folder of `twin_diagram`."""
+
+FORGOTTEN: Final = 30 * 24 * 3600.0
+"""Kernels that no run used for so long are removed [s]: each version of the package leaves some 15 MB."""
 
 compile_notice.install()
 
@@ -75,8 +80,20 @@ def kept_in() -> Path:
     for file in [*sorted(PACKAGE.rglob("*_kernels.py")), Path(__file__)]:
         digest.update(file.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"
-    own = PACKAGE / "__pycache__"
-    if os.access(own if own.is_dir() else PACKAGE, os.W_OK):
-        return own / name
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home) / "twin_diagram" / name
+    place = PACKAGE / "__pycache__"
+    if not os.access(place if place.is_dir() else PACKAGE, os.W_OK):
+        place = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin_diagram"
+    _tidy(place, name)
+    return place / name
+
+
+def _tidy(place: Path, name: str) -> None:
+    """Mark a folder of compiled kernels as used, and remove those beside it that nobody used for long."""
+    try:
+        (place / name).mkdir(parents=True, exist_ok=True)
+        os.utime(place / name)
+        for other in place.glob("kernels-*"):
+            if time.time() - other.stat().st_mtime > FORGOTTEN:
+                shutil.rmtree(other, ignore_errors=True)
+    except OSError:  # nothing can be written, or another run tidies: nothing is lost
+        pass
