@@ -70,7 +70,7 @@ def test_colours_that_never_fit_are_no_turn_in_each_image(
     seen: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], View],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Before a dim camera; each try is a registration of four poses. One that looks less like itself is tried at once."""
+    """Each try is a registration of four poses. What looks less like itself than it did is tried at once."""
     R, p, view = seen
     spots = np.kron(np.random.default_rng(0).random((40, 40)) < 0.45, np.ones((12, 16)))[..., None] > 0.0
     rgb = np.where(spots, 40, view.segments.rgb).astype(np.uint8)
