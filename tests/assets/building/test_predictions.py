@@ -279,6 +279,20 @@ def test_one_view_is_one_view_and_a_batch_of_one_is_none(tmp_path: Path, views: 
     assert len(read) == views and read.read(0).depth.shape == (6, 8)
 
 
+def test_whole_poses_are_read_and_others_refused(tmp_path: Path) -> None:
+    file = few(tmp_path / "p.npz", np.zeros((3, 6, 8)), 3)
+    with np.load(file) as data:
+        arrays = dict(data)
+    last = np.tile([[[0.0, 0.0, 0.0, 1.0]]], (3, 1, 1))
+    for row, fits in ((last, True), (last[:, :, ::-1], False)):
+        np.savez(file, **arrays | {"extrinsic": np.concatenate([arrays["extrinsic"], row], axis=1)})
+        if fits:
+            np.testing.assert_array_equal(read_predictions(file).read(2).colour.R_WC, np.eye(3))
+            continue
+        with pytest.raises(FramesError, match=r"extrinsic is \(3, 4, 4\)"):
+            read_predictions(file)
+
+
 @pytest.mark.long
 def test_a_view_of_which_the_network_is_sure_of_nothing_is_left_out(taken: Shots, tmp_path: Path) -> None:
     with np.load(written(taken, tmp_path / "p.npz")) as data:

@@ -1,8 +1,8 @@
 """VGGT's `predictions.npz` as frames: depth along each pixel from its point and its camera, scaled by a cube.
 
-The file holds `world_points` (S, H, W, 3), `world_points_conf` (S, H, W), `extrinsic` (S, 3, 4) world-to-camera,
-`intrinsic` (S, 3, 3) and `images` (S, 3, H, W) or (S, H, W, 3), in [0, 1] or whole numbers up to 255; its unit is
-arbitrary. A batch's axis of length 1 may come before. Pickles in it are never opened.
+The file holds `world_points` (S, H, W, 3), `world_points_conf` (S, H, W), `extrinsic` (S, 3, 4), or whole (S, 4, 4),
+world-to-camera, `intrinsic` (S, 3, 3) and `images` (S, 3, H, W) or (S, H, W, 3), in [0, 1] or whole numbers up to 255;
+its unit is arbitrary. A batch's axis of length 1 may come before. Pickles in it are never opened.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def read_predictions(path: str | Path) -> PredictedFrames:
                 raise FramesError(f"{path}: has no {missing[0]}")
             told = (_without_ones(np.asarray(data[name]), due) for name, due in _NAMES.items())
             points, sure, extrinsic, intrinsic, images = told
-            sure = _finite(sure)
+            sure, extrinsic = _finite(sure), _without_last_row(extrinsic)
     except FramesError:
         raise
     except Exception as error:  # of zip files, of pickles, of headers
@@ -177,6 +177,12 @@ def _finite(sure: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if sure.dtype.kind != "f":
         return sure
     return np.where(sure == np.inf, np.finfo(sure.dtype).max, sure).astype(sure.dtype)
+
+
+def _without_last_row(extrinsic: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return poses (S, 3, 4) of such, or of whole ones (S, 4, 4), whose last row says nothing; others as they are."""
+    whole = extrinsic.shape[1:] == (4, 4) and extrinsic.dtype.kind in "fui"
+    return extrinsic[:, :3] if whole and (extrinsic[:, 3] == (0, 0, 0, 1)).all() else extrinsic
 
 
 def _without_ones(array: npt.NDArray[Any], due: int) -> npt.NDArray[Any]:
