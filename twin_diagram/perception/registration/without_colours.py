@@ -36,7 +36,6 @@ class Tuning:
     apart: float = 0.8
     """Turns nearer to one another count once [rad]."""
 
-
     light: tuple[float, float, float] = (0.299, 0.587, 0.114)
     """How bright red, green and blue are in a picture of shades (ITU-R BT.601)."""
 
