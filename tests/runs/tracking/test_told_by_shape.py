@@ -10,7 +10,8 @@ from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
-from twin_diagram.runs.tracking.object_tracker import ObjectTracker, Shown
+from twin_diagram.runs.tracking.object_tracker import ObjectTracker
+from twin_diagram.runs.tracking.picture_content import PictureContent
 from twin_diagram.scenario.resources import models_dir
 
 ROOM = scenario.Perception(workspace=[[-1.0, -1.0, -0.02], [1.2, 1.0, 1.0]])
@@ -53,7 +54,7 @@ def test_pictures_of_shades_tell_which_way_round_it_stands(yaw: float) -> None:
     asset = Asset.load(models_dir() / "objects" / "sugar_box")
     thing = Thing(asset, 7, yawed(yaw), np.array([0.5, 0.0, asset.size[2] / 2]))
     tracker = ObjectTracker({"sugar_box": asset}, ROOM)
-    tracker.before_pictures_of(Shown.SHADES)
+    tracker.before_pictures_of(PictureContent.SHADES)
     for k in range(2):
         rgb, depth, _ = picture(camera(), [thing], np.random.default_rng(1930 + k))
         shades = cv2.cvtColor(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
@@ -67,7 +68,7 @@ def test_pictures_of_shape_alone_tell_no_way_round() -> None:
     asset = Asset.load(models_dir() / "objects" / "sugar_box")
     thing = Thing(asset, 7, yawed(0.3), np.array([0.5, 0.0, asset.size[2] / 2]))
     tracker = ObjectTracker({"sugar_box": asset}, ROOM)
-    tracker.before_pictures_of(Shown.SHAPE)
+    tracker.before_pictures_of(PictureContent.SHAPE)
     for k in range(2):
         rgb, depth, _ = picture(camera(), [thing], np.random.default_rng(1940 + k))
         found = tracker.observe(segment(np.full_like(rgb, 128), depth, k / 15.0, Grid.of(camera(), 2), ROOM))

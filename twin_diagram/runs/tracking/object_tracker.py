@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 
@@ -28,7 +27,6 @@ from twin_diagram.perception.registration.turned_alike import TUNING as TURNED
 from twin_diagram.perception.registration.turned_alike import probability, turned
 from twin_diagram.perception.registration.view import Known, View
 from twin_diagram.perception.registration.whole_image import ImageSettings, OtherMemory, introduced
-from twin_diagram.perception.registration.without_colours import in_shades
 from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.things.clusters import Placed
 from twin_diagram.perception.things.growing import GrowingThing, grown_on, shown
@@ -37,20 +35,13 @@ from twin_diagram.runs.tracking.claimed_share import claimed_share
 from twin_diagram.runs.tracking.frame_views import FrameViews
 from twin_diagram.runs.tracking.individual import TUNING as BELIEF
 from twin_diagram.runs.tracking.individual import Individual, PoseShown, expected
+from twin_diagram.runs.tracking.picture_content import PictureContent, as_pictured
 from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus, PoseMeasurement
 from twin_diagram.signals.things import FURTHER_MEASUREMENT_SIZE, OWNER_SIZE, things_of
-
-
-class Shown(Enum):
-    """What pictures show of things."""
-
-    COLOURS = "colours"
-    SHADES = "shades"
-    SHAPE = "shape"
 
 
 @dataclass(frozen=True)
@@ -120,16 +111,9 @@ class ObjectTracker:
         self._last, self._seen_any = NEVER, False
         self._next = len(models)
 
-    def before_pictures_of(self, seen: Shown) -> None:
-        """Compare the library's objects with pictures that lack something: to be told before the first frame.
-
-        An object's own colours would speak against it, or for what happens to be as bright.
-        """
-        count, library = self._params.model_points, self._told.library
-        if seen == Shown.SHADES:
-            library = tuple(Known.of(ModelCloud.of(in_shades(one.model.asset), count)) for one in library)
-        if seen == Shown.SHAPE:
-            library = tuple(one.bare for one in library)
+    def before_pictures_of(self, content: PictureContent) -> None:
+        """Compare the library's objects with pictures of such content: to be told before the first frame."""
+        library = as_pictured(self._told.library, content, self._params.model_points)
         self._told = replace(self._told, library=library)
 
     def start(self, name: str, R: Array, p: Array, time: float) -> None:

@@ -28,7 +28,8 @@ from twin_diagram.perception.segmentation.learned import Segmenter, segment_with
 from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.runs.tracking.first_poses import FARTHEST, NEAREST, first_poses
 from twin_diagram.runs.tracking.grown_assets import GrownAssets
-from twin_diagram.runs.tracking.object_tracker import ObjectTracker, Shown
+from twin_diagram.runs.tracking.object_tracker import ObjectTracker
+from twin_diagram.runs.tracking.picture_content import PictureContent
 from twin_diagram.runs.tracking.results import OBJECTS, POSES, Results, bop_row, frame_line
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
 from twin_diagram.runs.tracking.tracked_object import TrackedObject
@@ -180,17 +181,17 @@ def _begun(
     return base, noise, _doubt(folder, noise)
 
 
-def _shown(folder: FrameFolder, frame: RgbdFrame, say: Callable[[str], None]) -> Shown:
+def _shown(folder: FrameFolder, frame: RgbdFrame, say: Callable[[str], None]) -> PictureContent:
     """Return whether pictures have colours, as the first frame that has depth shows; say where they have none."""
     if frame.rgb is None:
         say("note: no rgb/, nor gray/: shape alone tells things apart")
-        return Shown.SHAPE
+        return PictureContent.SHAPE
     low, high = frame.rgb.min(axis=2), frame.rgb.max(axis=2)
     if folder.coloured and not float(np.mean(high - low)) < GREY * float(np.mean(high)):
-        return Shown.COLOURS
+        return PictureContent.COLOURS
     where = "rgb/ has no colours" if folder.coloured else "no rgb/, gray/ is read"
     say(f"note: {where}: shades alone tell things apart")
-    return Shown.SHADES
+    return PictureContent.SHADES
 
 
 def _rgb_of(frame: RgbdFrame) -> npt.NDArray[np.uint8]:
