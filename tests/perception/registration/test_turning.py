@@ -11,7 +11,6 @@ import pytest
 from tests.synthetic_scene import Thing, camera, picture, yawed
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
-from twin_diagram.perception.registration import where_expected
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.global_search import Found, judged, with_colours_aligned
@@ -63,33 +62,6 @@ def test_a_turn_from_rest_that_the_shape_does_not_tell_is_found_by_colours(
     R, p, view = seen
     found = register_where_expected(can, Slot(True, yawed(YAW - turned), p, np.zeros(6), 0.93), view)
     assert found is not None and off(found.R, R) < 0.03
-
-
-def test_colours_that_never_fit_are_no_turn_in_each_image(
-    can: Known,
-    seen: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], View],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Each try is a registration of four poses. What looks less like itself than it did is tried at once."""
-    R, p, view = seen
-    spots = np.kron(np.random.default_rng(0).random((40, 40)) < 0.45, np.ones((12, 16)))[..., None] > 0.0
-    rgb = np.where(spots, 40, view.segments.rgb).astype(np.uint8)
-    dim = replace(view, frame=Frame.of(replace(view.segments, rgb=rgb), ALIGNED))
-    tried: list[float] = []
-    monkeypatch.setattr(where_expected, "turns", lambda *_: tried.append(0.0) or [])
-    slot = Slot(True, R, p, np.zeros(6), 0.93)
-    one = register_where_expected(can, slot, dim)
-    assert one is not None and one.quality < TUNING.coloured * one.shape and len(tried) == 1, "nothing is usual yet"
-    usual, period = one.likeness / one.shape, PARAMS.search_period
-    at = int(1.0 / period) * period
-    for before, alike, more in (
-        (at + 0.01, usual, 0),
-        (at - 0.01, usual, 1),
-        (at + 0.01, usual / (0.9 * TUNING.as_usual), 1),
-    ):
-        begun = len(tried)
-        register_where_expected(can, replace(slot, seen=before, alike=alike), dim)
-        assert len(tried) == begun + more
 
 
 @pytest.mark.parametrize("spin", [-4.0, 4.0])

@@ -68,10 +68,6 @@ class Tuning:
     coloured: float = 0.8
     """Where less than this share of what fits in shape fits in colour, too, it may have turned."""
 
-    as_usual: float = 0.8
-    """What rests and looks like itself to this share of what is usual has not turned since the image before: then that
-    is tried once a search period. Before a D435 one that stands looked like itself to 0.85 to 1.1 of it."""
-
     turning: float = 0.8
     """Share of a turn, in units that weigh alike, in a direction that counts as one."""
 
@@ -127,17 +123,10 @@ def register_where_expected(known: Known, slot: Slot, view: View) -> RegisteredP
         best = _goes_on_or_stops(known, slot, view, R, p)
     if best is None:
         return None
-    if best.quality < TUNING.coloured * best.shape and _may_have_turned(slot, best, view):
+    if best.quality < TUNING.coloured * best.shape:
         turned = [registered_near(known, view, *at, MOVING) for at in turns(known, view, best)]
         best = likeliest(known, view, [best, *(one for one in turned if one is not None)])
     return best if best is None else unmistaken(known, view, turned_back(known, slot, view, best), slot.odds)
-
-
-def _may_have_turned(slot: Slot, one: RegisteredPose, view: View) -> bool:
-    """Return whether an object whose colours do not fit is to be tried turned: not always, where they never do."""
-    time, period = view.segments.time, view.params.search_period
-    rests = not np.any(slot.velocity) and one.likeness >= TUNING.as_usual * slot.alike * one.shape
-    return not (rests and slot.alike > 0.0 and int(time / period) == int(slot.seen / period))
 
 
 def _goes_on_or_stops(known: Known, slot: Slot, view: View, R: Array, p: Array) -> RegisteredPose | None:
