@@ -74,6 +74,8 @@ def report(profile: str, tally: tallies.Tally, seconds: list[float]) -> None:
     print(f"   off: median {np.median(mm):.2f} mm {np.median(deg):.2f}°, p95 {np.quantile(mm, 0.95):.1f} mm", end=" ")
     print(f"{np.quantile(deg, 0.95):.1f}°; NEES {np.mean(tally.nees):.2f}, median {np.median(tally.nees):.2f}", end="")
     print(f" (aim 0.5 to 1.5); truth among hypotheses {np.mean(tally.inside):.1%} (aim ≥ 98 %)")
+    print(f"   NEES without the camera's calibration, drawn once a scene: {np.mean(tally.nees_left):.2f}", end=", ")
+    print(f"median {np.median(tally.nees_left):.2f}")
     p, ok = np.array(tally.confidence).T
     for low, high in ((0.5, 0.7), (0.7, 0.9), (0.9, 0.97), (0.97, 1.01)):
         of = (p >= low) & (p < high)

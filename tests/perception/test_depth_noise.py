@@ -73,6 +73,24 @@ def test_a_picture_shows_its_noise(sheet: str) -> None:
     assert found.lasting == pytest.approx(told.lasting, abs=0.05)
 
 
+@pytest.mark.parametrize("size", [(0.05, 0.15), (0.03, 0.08)])
+def test_many_edges_are_no_patches(size: tuple[float, float]) -> None:
+    """Things on a table, and a twentieth of them in the way of each other: a renderer's noise stays white."""
+    rng, (depth, _) = np.random.default_rng(6), planes(6)
+    for _ in range(round(0.4 * depth.size / 640**2 / np.mean(size) ** 2)):
+        (height, width), high = (640 * rng.uniform(*size, 2)).astype(int), rng.uniform(0.05, 0.2)
+        v, u = rng.integers(0, 480 - height), rng.integers(0, 640 - width)
+        depth[v : v + height, u : u + width] -= high
+    told = DepthSigma.of(DepthNoise("ideal"))
+    found = measured(depth + np.where(depth > 0.0, told(depth) * rng.standard_normal(depth.shape), 0.0))
+    assert (found.correlated, found.lasting) == (0.0, 0.0)
+    assert found.growth == pytest.approx(told.growth, rel=0.1)
+    told = DepthSigma.of(DepthNoise("d415"))
+    field = np.sqrt(1.0 - told.correlated) * rng.standard_normal(depth.shape)
+    field += np.sqrt(told.correlated) * correlated(depth.shape, 2.5, rng)
+    assert measured(depth + np.where(depth > 0.0, told(depth) * field, 0.0)).correlated > 0.3
+
+
 def test_a_picture_without_noise_or_with_little_in_it_has_the_least() -> None:
     depth, _ = planes(3)
     least = DepthSigma(growth=0.0002)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from twin_diagram.logs.frames.view_camera import ViewCamera
+from twin_diagram.runs.tracking.track_frames import REAL
 from twin_diagram.signals import rotations
+from twin_diagram.signals.calibration_error import shared_covariances
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "sims" / "benchmarks"
 sys.path[:0] = [str(BENCHMARKS)]
@@ -19,6 +23,7 @@ sys.path[:0] = [str(BENCHMARKS)]
 from scene_truth import tallies  # noqa: E402
 from scene_truth.film import Truth  # noqa: E402
 from scene_truth.script import LIFT, PERIOD, Actor, Carry  # noqa: E402
+from synctwin_truth.told_camera import CameraError  # noqa: E402
 
 FRAMES = 30
 PLACES = np.array([[0.0, 0.0, 1.0], [0.2, 0.0, 1.0], [0.4, 0.0, 1.0]])
@@ -65,6 +70,31 @@ def test_what_is_right_is_right_and_its_claims_are_weighed(tmp_path: Path) -> No
     np.testing.assert_allclose(found.millimetres, 1.0)
     np.testing.assert_allclose(sorted(found.nees[:3]), [1 / 6, 1 / 5, 1 / 5])
     assert all(found.inside) and all(ok for _, ok in found.confidence)
+
+
+def test_what_the_cameras_calibration_makes_of_a_scene_is_told_apart(tmp_path: Path) -> None:
+    """A tracker sees what a camera shows that is not where it is told: it cannot know, and claims that it may be so."""
+    rng = np.random.default_rng(0)
+    whole, left = [], []
+    for _ in range(40):
+        error = CameraError.drawn(rng)
+        told = error.told(ViewCamera(640, 480, 560.0, 560.0, 319.5, 239.5, np.eye(3), np.zeros(3)))
+        here = replace(truth(), told=told, calibration=error.calibration)
+        x, y, z = (1.0 + error.depth_scale) * PLACES[2]
+        u, v = 560.0 * x / z + 319.5, 560.0 * y / z + 239.5
+        p = told.R_WC @ [(u - told.cx) * z / told.fx, (v - told.cy) * z / told.fy, z] + told.p_WC
+        own = 1e-3 * rng.standard_normal(6)
+        turn = rotations.log(rotations.from_matrix(rotations.matrix(rotations.exp(own[:3])) @ told.R_WC))
+        view = ((p - told.p_WC) @ told.R_WC)[None], told.R_WC, told.fx, told.fy
+        spread = 1e-6 * np.eye(6) + shared_covariances(REAL, *view)[0]
+        file = tmp_path / "objects.jsonl"
+        claim = said(2, "box", p + own[3:], turn, covariance=spread.tolist())
+        file.write_text(json.dumps({"frame": 0, "objects": [claim]}) + "\n")
+        found = tallies.score(file, SCRIPT, here, {}, "scene")
+        whole.append(found.nees[0])
+        left.append(found.nees_left[0])
+    # Of 240 numbers of unit variance.
+    assert abs(np.mean(whole) - 1.0) < 0.3 and abs(np.mean(left) - 1.0) < 0.3
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from twin_diagram import scenario
 from twin_diagram.errors import ScenarioError
@@ -40,7 +41,14 @@ class Tuning:
     """Variance of what lasts over that of patches, as cameras have it: one picture does not tell it from shape."""
 
     white: float = 0.2
-    """Patches of less variance than this share of white noise's are none: edges and curved things make some."""
+    """Patches of less variance than this share of white noise's are none: curved things make some."""
+
+    levels: tuple[float, float] = (0.15, 0.6)
+    """Two quantiles of sizes tell the noise and how many differences are across an edge, far larger: both are of small
+    sizes, and so far apart that a share of edges shows."""
+
+    edges: float = 0.38
+    """More differences across edges than this share cannot be told: nearly all of the second quantile's."""
 
     enough: int = 2000
     """Second differences, or pixels, below this number say nothing."""
@@ -118,24 +126,36 @@ def measured(depth: npt.NDArray[np.floating]) -> DepthSigma:
         return DepthSigma(floor=step / float(np.sqrt(12.0)), growth=TUNING.least)
     with np.errstate(divide="ignore"):
         inverse = np.where(depth > 0.0, 1.0 / depth.astype(float), np.nan)
-    variance = []
+    variance, beside_edges = [], []
     for lag in TUNING.lags:
         second = inverse[:, : -2 * lag] - 2.0 * inverse[:, lag:-lag] + inverse[:, 2 * lag :]
         size = np.abs(second[np.isfinite(second)])
         if len(size) < TUNING.enough:
             return DepthSigma(growth=TUNING.least)
         variance.append((TUNING.normal * float(np.median(size))) ** 2)
+        beside_edges.append(_deviation(size) ** 2)
     scale = depth.shape[1] / TUNING.width
     (near, patch_near), (far, patch_far) = ((6.0, _second(lag, TUNING.patch * scale)) for lag in TUNING.lags)
     # Two equations: white and patches. What a patch leaves over one pixel is little, but not nothing.
-    white, patch = np.linalg.solve([[near, patch_near], [far, patch_far]], variance)
-    white, patch = max(float(white), 0.0), max(float(patch), 0.0)
+    parts = np.linalg.solve([[near, patch_near], [far, patch_far]], np.transpose([variance, beside_edges]))
+    (white, alone), (patch, patch_alone) = np.maximum(parts, 0.0).tolist()
     waves = TUNING.waves * patch
-    if patch <= TUNING.white * white or patch < TUNING.least**2:
-        rounded = white > TUNING.least**2 and _rounded_disparity(depth)
-        patch, waves = 0.0, TUNING.waves * white if rounded else 0.0
+    # Over more pixels more differences are across an edge: that is no patch. What comes in steps has few sizes only.
+    rounded = _rounded_disparity(depth)
+    none = patch <= TUNING.white * white or (patch_alone <= TUNING.white * alone and not rounded)
+    if none or patch < TUNING.least**2:
+        patch, waves = 0.0, TUNING.waves * white if rounded and white > TUNING.least**2 else 0.0
     growth = max(float(np.sqrt(white + patch + waves)), TUNING.least)
     return DepthSigma(0.0, growth, 0.0, patch / growth**2, waves / growth**2)
+
+
+def _deviation(size: Array) -> float:
+    """Return the deviation of normal numbers' sizes (N,) of which some are something else's, far larger."""
+    low, high = np.quantile(size, TUNING.levels)
+    shares = np.linspace(0.0, TUNING.edges, 100)
+    first, second = (ndtri(0.5 + 0.5 * level / (1.0 - shares)) for level in TUNING.levels)
+    share = np.interp(high / max(low, 1e-300), second / first, shares)
+    return float(low / ndtri(0.5 + 0.5 * TUNING.levels[0] / (1.0 - share)))
 
 
 def _steps_alone(depth: npt.NDArray[np.floating]) -> float:

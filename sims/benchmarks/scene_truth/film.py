@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from synctwin_truth.told_camera import CameraError
 from scene_truth.script import PERIOD, Script
 from twin_diagram.logs.frames.view_camera import ViewCamera
 from twin_diagram.perception.pinhole import Pinhole
+from twin_diagram.signals.calibration_error import SIZE
 
 Array = npt.NDArray[np.float64]
 NEAR = 0.004
@@ -30,6 +31,8 @@ class Truth:
         seen: (F, K) share of the camera-facing surface that is in the picture.
         carried: (F, K) whether it is being carried.
         R_WC, p_WC: the true camera's pose: what is reported in W is scored there, calibration errors and all.
+        told: camera that the folder tells of; None: the true one.
+        calibration: (10,) its errors, in the order of `signals.calibration_error`.
     """
 
     R: Array
@@ -38,6 +41,8 @@ class Truth:
     carried: npt.NDArray[np.bool_]
     R_WC: Array
     p_WC: Array
+    told: ViewCamera | None = None
+    calibration: Array = field(default_factory=lambda: np.zeros(SIZE))
 
 
 def film(
@@ -75,7 +80,8 @@ def film(
     R = np.array([[camera.R_WC.T @ one[0] for one in poses] for poses, _ in rows])
     p = np.array([[camera.R_WC.T @ (one[1] - camera.p_WC) for one in poses] for poses, _ in rows])
     carried = np.array([[one[2] for one in poses] for poses, _ in rows])
-    return Truth(R, p, np.array([seen for _, seen in rows]), carried, camera.R_WC, camera.p_WC)
+    seen = np.array([one for _, one in rows])
+    return Truth(R, p, seen, carried, camera.R_WC, camera.p_WC, told if wrong else None, error.calibration)
 
 
 def _camera(rng: np.random.Generator, shrink: int) -> Pinhole:

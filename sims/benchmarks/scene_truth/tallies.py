@@ -14,7 +14,9 @@ from scipy.optimize import linear_sum_assignment
 
 from scene_truth.film import Truth
 from scene_truth.script import PERIOD, Script
+from twin_diagram.runs.tracking.track_frames import REAL
 from twin_diagram.signals import rotations
+from twin_diagram.signals.calibration_error import pose_shifts, shared_covariances
 
 Array = npt.NDArray[np.float64]
 
@@ -42,6 +44,7 @@ class Tally:
         counts: by name.
         millimetres, degrees: of each right claim on something that is seen.
         nees: squared errors over what is claimed, per degree of freedom.
+        nees_left: the same of what is left of both without the camera's calibration, whose error a scene draws once.
         inside: whether the truth is among the hypotheses.
         until_said: of each loss, how long it was not said [s].
         until_found: of each thing that came into the open, how long it took [s]; inf: never.
@@ -53,6 +56,7 @@ class Tally:
     millimetres: list[float] = field(default_factory=list)
     degrees: list[float] = field(default_factory=list)
     nees: list[float] = field(default_factory=list)
+    nees_left: list[float] = field(default_factory=list)
     inside: list[bool] = field(default_factory=list)
     until_said: list[float] = field(default_factory=list)
     until_found: list[float] = field(default_factory=list)
@@ -63,7 +67,7 @@ class Tally:
         """Add another one's."""
         self.counts += other.counts
         for name in (
-            "millimetres", "degrees", "nees", "inside", "until_said", "until_found", "confidence", "lines",
+            "millimetres", "degrees", "nees", "nees_left", "inside", "until_said", "until_found", "confidence", "lines",
         ):  # fmt: skip
             getattr(self, name).extend(getattr(other, name))
 
@@ -108,13 +112,36 @@ def apart(A: Array, B: Array, symmetric: bool) -> float:
     return float(np.linalg.norm(rotations.log(rotations.from_matrix(A.T @ B))))
 
 
-def _squared(claim: _Claim, R: Array, p: Array, symmetric: bool) -> float:
-    """Return the squared error over what is claimed; a turn that cannot be told does not count."""
+def _error(claim: _Claim, R: Array, p: Array, symmetric: bool) -> Array:
+    """Return (6,) what takes a claim to the truth, without a turn that cannot be told."""
     error = np.concatenate([rotations.log(rotations.from_matrix(R @ claim.R.T)), p - claim.p])
     if symmetric:
         axis = np.cross(claim.R[:, 2], R[:, 2])
         error[:3] = apart(claim.R, R, True) * axis / max(float(np.linalg.norm(axis)), 1e-12)
+    return error
+
+
+def _squared(claim: _Claim, R: Array, p: Array, symmetric: bool) -> float:
+    """Return the squared error over what is claimed; a turn that cannot be told does not count."""
+    error = _error(claim, R, p, symmetric)
     return float(error @ np.linalg.solve(claim.covariance, error))
+
+
+def _squared_left(claim: _Claim, R: Array, p: Array, symmetric: bool, truth: Truth) -> float:
+    """Return the squared error over what is claimed, both without what the camera's calibration makes of them.
+
+    All poses of a scene share that: of a few scenes, the squared errors are mostly what was drawn for their cameras.
+    """
+    error, covariance, told = _error(claim, R, p, symmetric), claim.covariance, truth.told
+    if told is not None:
+        p_W = truth.R_WC @ claim.p + truth.p_WC
+        view = ((p_W - told.p_WC) @ told.R_WC)[None], told.R_WC, told.fx, told.fy
+        into_C = np.kron(np.eye(2), truth.R_WC.T)
+        error = error + into_C @ (pose_shifts(*view)[0] @ truth.calibration)
+        covariance = covariance - into_C @ shared_covariances(REAL, *view)[0] @ into_C.T
+    if symmetric:
+        error[:3] -= claim.R[:, 2] * (claim.R[:, 2] @ error[:3])
+    return float(error @ np.linalg.solve(covariance, error))
 
 
 def score(objects: Path, script: Script, truth: Truth, origins: dict[str, Array], label: str) -> Tally:
@@ -198,6 +225,7 @@ def _count(
     tally.millimetres.append(1e3 * off)
     tally.degrees.append(float(np.degrees(angle)))
     tally.nees.append(squared[0] / (5 if symmetric else 6))
+    tally.nees_left.append(_squared_left(claim, *true, truth) / (5 if symmetric else 6))
 
 
 def _times(

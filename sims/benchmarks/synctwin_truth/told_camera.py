@@ -42,6 +42,11 @@ class CameraError:
             float(0.01 * rng.standard_normal()),
         )
 
+    @property
+    def calibration(self) -> Array:
+        """(10,) the true camera's place in what is told, in the order of `signals.calibration_error`."""
+        return np.concatenate([-self.turn, -self.shift, [self.depth_scale, -self.focal], -self.centre])
+
     def told(self, true: ViewCamera, posed: bool = True) -> ViewCamera:
         """Return what is told of a camera; with `posed` its place is wrong, too."""
         lens = replace(

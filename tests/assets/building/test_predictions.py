@@ -279,6 +279,42 @@ def test_one_view_is_one_view_and_a_batch_of_one_is_none(tmp_path: Path, views: 
     assert len(read) == views and read.read(0).depth.shape == (6, 8)
 
 
+@pytest.mark.parametrize(
+    ("inverse", "axes", "said"),
+    [
+        (True, (1, 1, 1), "is camera-to-world,"),
+        (False, (1, -1, -1), "is with OpenGL's axes"),
+        (True, (1, -1, -1), "is camera-to-world with OpenGL's axes"),
+    ],
+)
+def test_poses_told_another_way_are_named(
+    taken: Shots, tmp_path: Path, inverse: bool, axes: tuple[int, int, int], said: str
+) -> None:
+    """Without a word they had "no depth", or no plane on which the cube stands."""
+    with np.load(written(taken, tmp_path / "p.npz")) as data:
+        arrays = dict(data)
+    last = np.tile([[[0.0, 0.0, 0.0, 1.0]]], (len(arrays["extrinsic"]), 1, 1))
+    X = np.diag([*axes, 1]) @ np.concatenate([arrays["extrinsic"], last], axis=1)
+    arrays["extrinsic"] = (np.linalg.inv(X) if inverse else X)[:, :3]
+    np.savez(tmp_path / "p.npz", **arrays)
+    with pytest.raises(FramesError, match=said):
+        read_predictions(tmp_path / "p.npz")
+
+
+def test_whole_poses_are_read_and_others_refused(tmp_path: Path) -> None:
+    file = few(tmp_path / "p.npz", np.zeros((3, 6, 8)), 3)
+    with np.load(file) as data:
+        arrays = dict(data)
+    last = np.tile([[[0.0, 0.0, 0.0, 1.0]]], (3, 1, 1))
+    for row, fits in ((last, True), (last[:, :, ::-1], False)):
+        np.savez(file, **arrays | {"extrinsic": np.concatenate([arrays["extrinsic"], row], axis=1)})
+        if fits:
+            np.testing.assert_array_equal(read_predictions(file).read(2).colour.R_WC, np.eye(3))
+            continue
+        with pytest.raises(FramesError, match=r"extrinsic is \(3, 4, 4\)"):
+            read_predictions(file)
+
+
 @pytest.mark.long
 def test_a_view_of_which_the_network_is_sure_of_nothing_is_left_out(taken: Shots, tmp_path: Path) -> None:
     with np.load(written(taken, tmp_path / "p.npz")) as data:

@@ -80,3 +80,22 @@ def test_what_is_half_hidden_only_seems_to_move() -> None:
     begin = [parted([BOX], 0.1 * k) for k in range(2)]
     assert followed(*begin, parted([BOX], 0.2, slice(80, None)))[-1] == ObjectStatus.TRACKED
     assert followed(*begin, parted([moved], 0.2))[-1] == ObjectStatus.MOVING
+
+
+def test_a_thing_of_which_a_part_is_not_counted_in_each_image_keeps_its_pieces() -> None:
+    """Making them anew takes longer than all else that is done for it; a handle is now its own segment, now not."""
+    whole = [parted([BOX], 0.1 * k) for k in range(2)]
+    slots, next_identity, made = [Remembered()], 1, []
+    for k in range(6):
+        seen = replace(whole[k % 2], time=0.1 * k)
+        [own] = clusters(seen, unexplained(seen, []))
+        x = seen.points_W[own, 0]
+        own = own if k % 2 else own[x < np.quantile(x, 0.8)]
+        after = observe(slots, seen, [own], [], next_identity, Life(0.5, 5.0))
+        slots, next_identity = after.slots, after.next_identity
+        made.append(slots[0].thing.pieces)
+    assert made[1] is not made[0] and all(one is made[1] for one in made[2:]), "all of it was seen in the second"
+    assert slots[0].thing.status == ObjectStatus.TRACKED
+    shoved = parted([replace(BOX, p=BOX.p + [0.04, 0.0, 0.0])], 0.7)
+    after = observe(slots, shoved, clusters(shoved, unexplained(shoved, [])), [], next_identity, Life(0.5, 5.0))
+    assert after.slots[0].thing.pieces is not made[1] and after.slots[0].thing.status == ObjectStatus.MOVING

@@ -1,8 +1,8 @@
 """VGGT's `predictions.npz` as frames: depth along each pixel from its point and its camera, scaled by a cube.
 
-The file holds `world_points` (S, H, W, 3), `world_points_conf` (S, H, W), `extrinsic` (S, 3, 4) world-to-camera,
-`intrinsic` (S, 3, 3) and `images` (S, 3, H, W) or (S, H, W, 3), in [0, 1] or whole numbers up to 255; its unit is
-arbitrary. A batch's axis of length 1 may come before. Pickles in it are never opened.
+The file holds `world_points` (S, H, W, 3), `world_points_conf` (S, H, W), `extrinsic` (S, 3, 4), or whole (S, 4, 4),
+world-to-camera, `intrinsic` (S, 3, 3) and `images` (S, 3, H, W) or (S, H, W, 3), in [0, 1] or whole numbers up to 255;
+its unit is arbitrary. A batch's axis of length 1 may come before. Pickles in it are never opened.
 """
 
 from __future__ import annotations
@@ -58,6 +58,16 @@ class Tuning:
 
     rotation: float = 0.02
     """How far R Rᵀ of a predicted pose may be off the identity."""
+
+    elsewhere: float = 0.015
+    """Where half of the points lie farther from their pixels than this share of the width, whatever the lens,
+    poses may be told another way: …"""
+
+    clearly: float = 0.25
+    """… that is so if they lie nearer by this factor then."""
+
+    thin: int = 400
+    """Points of a view that are projected for that."""
 
 
 TUNING = Tuning()
@@ -144,7 +154,7 @@ def read_predictions(path: str | Path) -> PredictedFrames:
                 raise FramesError(f"{path}: has no {missing[0]}")
             told = (_without_ones(np.asarray(data[name]), due) for name, due in _NAMES.items())
             points, sure, extrinsic, intrinsic, images = told
-            sure = _finite(sure)
+            sure, extrinsic = _finite(sure), _without_last_row(extrinsic)
     except FramesError:
         raise
     except Exception as error:  # of zip files, of pickles, of headers
@@ -162,6 +172,7 @@ def read_predictions(path: str | Path) -> PredictedFrames:
     for name, array in zip(_NAMES, (points, sure, extrinsic, intrinsic, images), strict=True):
         if array.dtype.kind not in "fui" or not np.isfinite(array).all():
             raise FramesError(f"{path}: {name} holds values that are no finite numbers")
+    _refuse_other_ways(path, points, sure, extrinsic.astype(float))
     rgb = _bytes(path, images)
     depths, unsure = _depths(points, sure, extrinsic)
     frames = []
@@ -177,6 +188,12 @@ def _finite(sure: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if sure.dtype.kind != "f":
         return sure
     return np.where(sure == np.inf, np.finfo(sure.dtype).max, sure).astype(sure.dtype)
+
+
+def _without_last_row(extrinsic: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return poses (S, 3, 4) of such, or of whole ones (S, 4, 4), whose last row says nothing; others as they are."""
+    whole = extrinsic.shape[1:] == (4, 4) and extrinsic.dtype.kind in "fui"
+    return extrinsic[:, :3] if whole and (extrinsic[:, 3] == (0, 0, 0, 1)).all() else extrinsic
 
 
 def _without_ones(array: npt.NDArray[Any], due: int) -> npt.NDArray[Any]:
@@ -215,6 +232,48 @@ def _depths(points: Array, sure: Array, extrinsic: Array) -> tuple[list[Map], li
         known.append(np.where(own & there, one, 0).astype(np.float32))
         unsure.append(np.where(~own & there, one, 0).astype(np.float32))
     return known, unsure
+
+
+def _refuse_other_ways(path: Path, points: Array, sure: Array, extrinsic: Array) -> None:
+    """Refuse poses (S, 3, 4) that are told camera-to-world or with a renderer's axes, as points' pixels show."""
+    axes = np.diag([1.0, -1.0, -1.0])
+    back = np.concatenate([extrinsic[:, :, :3].mT, -extrinsic[:, :, :3].mT @ extrinsic[:, :, 3:]], axis=2)
+    of_renderer = "with OpenGL's axes (y up, z behind)"
+    ways = {
+        "": extrinsic,
+        "camera-to-world": back,
+        of_renderer: axes @ extrinsic,
+        f"camera-to-world {of_renderer}": axes @ back,
+    }
+    off = {
+        name: float(np.median([_off_pixels(p, c, X) for p, c, X in zip(points, sure, all_X, strict=True)]))
+        for name, all_X in ways.items()
+    }
+    best = min(off, key=lambda name: off[name])
+    if off[""] > TUNING.elsewhere and off[best] < TUNING.clearly * off[""]:
+        raise FramesError(
+            f"{path}: extrinsic is {best}, as the points show; must be world-to-camera, x right, y down, z ahead"
+        )
+
+
+def _off_pixels(points: Array, sure: Array, X: Array) -> float:
+    """Return how far a view's points (h, w, 3) lie from their pixels, by its pose X (3, 4) and the lens that fits best.
+
+    Of a median point, as a share of the width; 1 where most are behind the camera.
+    """
+    order = np.argsort(-sure.ravel(), kind="stable")[: sure.size // 2]
+    chosen = order[:: max(1, len(order) // TUNING.thin)]
+    p = points.reshape(-1, 3)[chosen].astype(float) @ X[:, :3].T + X[:, 3]
+    ahead = p[:, 2] > 0.0
+    if ahead.mean() < 0.5:
+        return 1.0
+    off = []
+    for axis, at in enumerate(np.divmod(chosen[ahead], sure.shape[1])[::-1]):
+        slope = p[ahead, axis] / p[ahead, 2]
+        A = np.stack([slope, np.ones_like(slope)], axis=1)
+        focal, centre = np.linalg.lstsq(A, at, rcond=None)[0]
+        off.append(np.abs(at - max(focal, 0.0) * slope - centre))
+    return float(np.median(np.hypot(*off))) / sure.shape[1]
 
 
 def _camera(path: Path, k: int, X: Array, K: Array, size: tuple[int, int]) -> ViewCamera:

@@ -173,6 +173,7 @@ def registered(
 def _laid(model: ModelCloud, frame: Frame, points_W: Array, orientations: Sequence[tuple[Array, float]]) -> Poses:
     """Return the starts that fit best as they are laid, at rest, where a search lays them and nearer to the camera."""
     laid = starts(model, frame, points_W, list(orientations))
+    laid = best_as_laid(model, frame, laid, SEARCH.first_look, SEARCH.looked_again)
     laid = best_as_laid(model, frame, laid, SEARCH.coarse_points, SEARCH.most_starts)
     way = (frame.camera.p_WC - laid.p) * [1.0, 1.0, 0.0]
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)

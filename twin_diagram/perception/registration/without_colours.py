@@ -1,4 +1,7 @@
-"""An object's model without its colours: what is painted otherwise than its asset is its shape alone."""
+"""An object's model without its colours: what is painted otherwise than its asset is its shape alone.
+
+Before a camera that shows none, it is its shades.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_diagram.assets import Asset
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.signals.arrays import Array
 
@@ -32,8 +36,16 @@ class Tuning:
     apart: float = 0.8
     """Turns nearer to one another count once [rad]."""
 
+    light: tuple[float, float, float] = (0.299, 0.587, 0.114)
+    """How bright red, green and blue are in a picture of shades (ITU-R BT.601)."""
+
 
 TUNING = Tuning()
+
+
+def in_shades(asset: Asset) -> Asset:
+    """Return an object as pictures without colours show it."""
+    return replace(asset, colours=np.repeat(asset.colours @ TUNING.light, 3).reshape(-1, 3))
 
 
 def without_colours(model: ModelCloud) -> ModelCloud:

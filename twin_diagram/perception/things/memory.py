@@ -227,7 +227,7 @@ def seen(slot: Remembered, own: Indices, segments: Segments) -> Remembered:
     time, points = segments.time, segments.points_W[own]
     middle = points.mean(axis=0)
     away = float(np.linalg.norm(middle - slot.made_at))
-    still = away < _slack(points, segments) and not _shrunk(slot, segments)
+    still = (away < _slack(points, segments) or _stays(slot, away, segments)) and not _shrunk(slot, segments)
     if still and _share_inside(slot, points, segments) >= TUNING.whole:
         thing = replace(slot.thing, last_seen=time, status=_status(slot, time), middle=middle)
         return replace(slot, thing=thing, empty=0)
@@ -303,6 +303,14 @@ def _status(slot: Remembered, time: float) -> ObjectStatus:
 def _shrunk(slot: Remembered, segments: Segments) -> bool:
     look = seen_through(slot.samples, segments)
     return look.empty >= 0.5 * (look.there + look.empty) > 0.0
+
+
+def _stays(slot: Remembered, away: float, segments: Segments) -> bool:
+    """Return whether a thing is where it was though the middle of what is seen of it is `away` [m] from there.
+
+    A handle that is a segment of its own in every other image shifts it by centimetres.
+    """
+    return away < TUNING.moved and seen_through(slot.samples, segments).there >= TUNING.whole
 
 
 def _share_inside(slot: Remembered, points: Array, segments: Segments) -> float:

@@ -35,6 +35,7 @@ from twin_diagram.runs.tracking.claimed_share import claimed_share
 from twin_diagram.runs.tracking.frame_views import FrameViews
 from twin_diagram.runs.tracking.individual import TUNING as BELIEF
 from twin_diagram.runs.tracking.individual import Individual, PoseShown, expected
+from twin_diagram.runs.tracking.picture_content import PictureContent, as_pictured
 from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
@@ -109,6 +110,11 @@ class ObjectTracker:
         """By how much more red and blue than green the light has, as the objects found showed it."""
         self._last, self._seen_any = NEVER, False
         self._next = len(models)
+
+    def before_pictures_of(self, content: PictureContent) -> None:
+        """Compare the library's objects with pictures of such content: to be told before the first frame."""
+        library = as_pictured(self._told.library, content, self._params.model_points)
+        self._told = replace(self._told, library=library)
 
     def start(self, name: str, R: Array, p: Array, time: float) -> None:
         """Tell where an object is before the first frame: R (3, 3), p (3,) [m] in T; of alikes one after the other.

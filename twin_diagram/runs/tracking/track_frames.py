@@ -29,6 +29,7 @@ from twin_diagram.perception.segmentation.segmentation import Grid, segment
 from twin_diagram.runs.tracking.first_poses import FARTHEST, NEAREST, first_poses
 from twin_diagram.runs.tracking.grown_assets import GrownAssets
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker
+from twin_diagram.runs.tracking.picture_content import PictureContent
 from twin_diagram.runs.tracking.results import OBJECTS, POSES, Results, bop_row, frame_line
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
 from twin_diagram.runs.tracking.tracked_object import TrackedObject
@@ -47,6 +48,10 @@ covers 50, and 60 make a thing. Edges are told in cells, which at 320 are two pi
 REAL = CalibrationError(shift=0.005, turn=np.radians(0.5), focal=0.003, centre=1.0, depth_scale=0.01)
 """How well a depth camera is calibrated of which nothing is told, RMS: as good cameras on a hand-eye calibration are.
 One whose noise is white, and not rounded by a disparity's steps, is a renderer's, and exact."""
+GREY = 0.005
+"""Pictures whose red, green and blue differ by less than this share of how bright they are have no colours: an infrared
+camera's, all three written alike. A white table has 0.03, by a colour camera's noise alone; a black picture tells not.
+"""
 LEAST_SHOWN = 0.002
 """Share of pixels with depth below which a frame shows neither table nor thing: cameras' first ones may be empty."""
 FOCALS = (0.1, 50.0)
@@ -137,6 +142,7 @@ def _tracked(
                 yield [], {"frame": frame.number, "time": frame.time, "objects": []}
                 continue
             base, noise, doubt = _begun(folder, frame, depth, camera, say)
+            tracker.before_pictures_of(_shown(folder, frame, say))
             _start(tracker, told, base.camera(first), frame.time - zero - 1e-3)
         told_by = replace(PERCEPTION, stride=stride_of(camera.width))
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), told_by.stride)
@@ -166,9 +172,6 @@ def _begun(
     """Return what the first frame that has depth tells: the table, depth's noise, and how far off the camera may be."""
     if not folder.timed and len(folder) > 1:
         say("note: no times.json: frames count as 1 s apart; its times [s] tell how fast things move")
-    if not folder.coloured:
-        left = "gray/ is read: shades alone tell" if frame.rgb is not None else "nor gray/: shape alone tells"
-        say(f"note: no rgb/, {left} things apart")
     if frame.number != folder.numbers[0]:
         say(f"note: tracking begins at frame {frame.number}: there is no depth before it")
     noise = measured(frame.depth)
@@ -176,6 +179,19 @@ def _begun(
     if not base.found:
         say("note: no table in view; all that is seen counts as standing")
     return base, noise, _doubt(folder, noise)
+
+
+def _shown(folder: FrameFolder, frame: RgbdFrame, say: Callable[[str], None]) -> PictureContent:
+    """Return whether pictures have colours, as the first frame that has depth shows; say where they have none."""
+    if frame.rgb is None:
+        say("note: no rgb/, nor gray/: shape alone tells things apart")
+        return PictureContent.SHAPE
+    low, high = frame.rgb.min(axis=2), frame.rgb.max(axis=2)
+    if folder.coloured and not float(np.mean(high - low)) < GREY * float(np.mean(high)):
+        return PictureContent.COLOURS
+    where = "rgb/ has no colours" if folder.coloured else "no rgb/, gray/ is read"
+    say(f"note: {where}: shades alone tell things apart")
+    return PictureContent.SHADES
 
 
 def _rgb_of(frame: RgbdFrame) -> npt.NDArray[np.uint8]:
