@@ -151,6 +151,7 @@ def recognised(
 
     monkeypatch.setattr(recognition, "search", search)
     monkeypatch.setattr(recognition, "search_past_tears", lambda model, view, points_W, ways, found: found)
+    monkeypatch.setattr(recognition, "turned_about", lambda model, frame, found, points_W, params: found)
     monkeypatch.setattr(recognition, "_owned", owned)
     monkeypatch.setattr(recognition, "hangs", lambda frame, points: False)
     points, names = Points(sizes), sorted({name for name, _ in scores})
