@@ -17,6 +17,7 @@ from twin_diagram.perception.segmentation.parting import (
     joined,
     numbered,
     part,
+    specks_joined,
 )
 from twin_diagram.perception.segmentation.segmentation import Grid, label_pixels, segment
 from twin_diagram.scenario.resources import models_dir
@@ -215,6 +216,36 @@ def test_a_thing_without_a_core_is_one_if_it_is_large_enough() -> None:
     for smallest, found in ((60, 1), (61, 0)):
         label, count = part(z, standing, 0.003, 1e-3, 0.02, smallest)
         assert count == found and ((label == 0) == (standing if found else False)).all()
+
+
+def test_what_is_too_small_for_a_thing_belongs_to_what_it_touches() -> None:
+    """A bottle's neck, six pixels wide: shoulders rise away from the camera to the hollow edge at its foot."""
+    z, standing = np.full((40, 60), 1.5, np.float32), np.zeros((40, 60), dtype=bool)
+    standing[15:35, 20:40] = standing[7:15, 27:33] = True
+    z[15:35, 20:40] = 1.1 + 0.004 * np.clip(22.0 - np.arange(15, 35), 0.0, None)[:, None]
+    z[7:15, 27:33] = 1.1
+    label, count = part(z, standing, 0.003, 1e-3, 0.02, 240)
+    assert count == 1 and (label[7:15, 27:33] == 0).all() and (label[~standing] == -1).all()
+    for aside in (1.3, 0.9):  # far behind, or before it: no part of it, and too small for a thing
+        z[7:15, 27:33] = aside
+        label, count = part(z, standing, 0.003, 1e-3, 0.02, 240)
+        assert count == 1 and (label[7:14, 27:33] == -1).all()
+
+
+def test_specks_go_to_the_longest_border_within_the_gap() -> None:
+    label = np.full((7, 12), -1, dtype=np.int32)
+    label[:, :5], label[:, 8:] = 0, 1
+    label[2:5, 5:7] = 2
+    label[3, 7] = 2
+    z = np.ones(label.shape, np.float32)
+    joint = specks_joined(label, 3, z, 0.02, 20)
+    assert (joint[2:5, 5:7] == 0).all() and joint[3, 7] == 0 and (joint[:, 8:] == 1).all()
+    z[:, :5] = 1.1  # a step away: the other side, short as it is
+    assert (specks_joined(label, 3, z, 0.02, 20)[2:5, 5:7] == 1).all()
+    z[:, 8:] = 0.9
+    np.testing.assert_array_equal(specks_joined(label, 3, z, 0.02, 20), label)
+    np.testing.assert_array_equal(specks_joined(label, 3, z, 0.02, 1), label)  # nothing is small
+    np.testing.assert_array_equal(specks_joined(label, 3, z, 0.02, 99), label)  # nothing is a thing
 
 
 def test_parts_are_numbered_by_size_and_an_empty_mask_has_none() -> None:

@@ -54,6 +54,13 @@ class Tuning:
     core: int = 3
     """Parts that hang together by less than this many pixels come apart."""
 
+    speck: int = 16
+    """What is so many times smaller than a thing, and has no core, is noise: a bottle's neck is a sixth of one."""
+
+    speck_gaps: float = 2.5
+    """Times the gap that a part too small for a thing is off what it belongs to: a neck stands 2 to 3 cm before the
+    shoulders that are seen behind it."""
+
 
 TUNING = Tuning()
 
@@ -220,6 +227,41 @@ def joined(label: Labels, count: int, whole: Mask, hollow_edges: tuple[Mask, Mas
     return np.asarray(root[label], dtype=np.int32)
 
 
+def specks_joined(label: Labels, count: int, depth: DepthImage, gap: float, smallest: int) -> Labels:
+    """Give parts that are too small for a thing to the thing that they border on most: bottles' necks, mugs' handles.
+
+    Args:
+        label: (h, w) numbers from 0, -1 elsewhere, also on the far sides of steps.
+        count: how many parts there are.
+        depth: (h, w) [m].
+        gap: pixels that are farther apart in depth are no neighbours [m].
+        smallest: pixels that make a thing.
+
+    Returns:
+        (h, w) numbers below `count`, not all of which occur.
+    """
+    small = np.bincount(label[label >= 0], minlength=count) < smallest
+    if not small.any() or small.all():
+        return label
+    specks, things = [], []
+    for away in (1, 2):  # the far side of a step lies between
+        before, after = slice(None, -away), slice(away, None)
+        for a, b in (((slice(None), before), (slice(None), after)), ((before, slice(None)), (after, slice(None)))):
+            at = _where((label[a] >= 0) & (label[b] >= 0) & (label[a] != label[b]))
+            near = np.abs(depth[b][at] - depth[a][at]) <= gap
+            i, j = label[a][at][near], label[b][at][near]
+            specks += [i, j]
+            things += [j, i]
+    speck, thing = np.concatenate(specks), np.concatenate(things)
+    kept = small[speck] & ~small[thing]
+    pairs, shared = np.unique(speck[kept].astype(np.int64) * count + thing[kept], return_counts=True)
+    pairs = pairs[np.argsort(shared, kind="stable")]
+    root = np.arange(count + 1, dtype=np.int32)
+    root[count] = -1
+    root[pairs // count] = pairs % count  # of a speck's, the last stays: the longest border
+    return np.asarray(root[label], dtype=np.int32)
+
+
 def part(
     depth: DepthImage, standing: Mask, pitch: float, sigma: float, gap: float, smallest: int
 ) -> tuple[Labels, int]:
@@ -255,11 +297,12 @@ def part(
     core = cv2.erode(core.astype(np.uint8), np.ones((TUNING.core, TUNING.core), np.uint8)) > 0
     parts, count = numbered(core, max(1, smallest // 4))
     parts = grown(parts, whole, arm + TUNING.core)
-    # What has no core at all is a thing of its own if it is large enough.
-    rest, more = numbered(whole & (parts < 0), max(1, smallest // 2))
+    # What has no core at all is a thing of its own if it is large enough, or else part of what it touches.
+    rest, more = numbered(whole & (parts < 0), max(1, smallest // TUNING.speck))
     if more:
         parts = np.where(rest >= 0, rest + count, parts)
     parts = joined(parts, count + more, whole, (along_rows, along_columns))
+    parts = specks_joined(parts, count + more, z, TUNING.speck_gaps * gap, smallest)
     parts = grown(parts, there, 2)
     parts, count = _in_order(parts, count + more, smallest)
     label[window] = parts
