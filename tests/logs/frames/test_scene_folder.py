@@ -315,6 +315,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "time twice": (lambda f: (f / "times.json").write_text("[0, 1, 1]"), "frame 2 is at 1 s, the one before it at 1 s"),
     "no time": (lambda f: (f / "times.json").write_text("[NaN, 1, 2]"), "frame 0 is at nan s: times must be finite"),
     "few times": (lambda f: (f / "times.json").write_text("[0, 2]"), "a time .* for each of the 3 frames"),
+    "one time less": (lambda f: (f / "times.json").write_text('{"0": 0, "2": 1}'), "the 3 frames: frame 1 has none"),
     "distortion": (lambda f: (f / "camera_extra.json").write_text('{"distortion": [1, 2]}'), "0 or 4 or 5 or 8 finite"),
     "inverse depth camera": (lambda f: depth_camera(f, K="1, 0, 0, 0, 1, 0, 0, 0, 1", R_DC=[1]), "R_DC is not read"),
     "a lens of another kind": (

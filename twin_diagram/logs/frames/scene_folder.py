@@ -233,8 +233,9 @@ class FrameFolder:
             raw = dict(zip(map(str, self.numbers), raw, strict=False)) if len(raw) == len(self.numbers) else {}
         try:
             times = [float(raw[str(number)]) for number in self.numbers]
-        except (KeyError, TypeError, ValueError):
-            raise FramesError(f"{path}: must hold a time [s] for each of the {len(self.numbers)} frames") from None
+        except (KeyError, TypeError, ValueError) as error:
+            odd = f": frame {error.args[0]} has none" if raw and isinstance(error, KeyError) else ""
+            raise FramesError(f"{path}: must hold a time [s] for each of the {len(self.numbers)} frames{odd}") from None
         for number, before, time in zip(self.numbers, [-np.inf, *times], times, strict=False):
             if not before < time < np.inf:
                 last = "" if before == -np.inf else f", the one before it at {before:g} s"
