@@ -180,6 +180,29 @@ def test_what_a_camera_is_called_is_told_and_passed_over(folder: Path) -> None:
     assert [note.rsplit(": ", 1)[1] for note in notes] == ["serial is not read", "width is not read"]
 
 
+def test_numbers_that_may_be_of_another_unit_are_said(folder: Path) -> None:
+    (folder / "times.json").write_text("[0, 66, 133]")
+    edit(folder, lambda e: [one.update(cam_t_w2c=[x / 1000 for x in one["cam_t_w2c"]]) for one in e.values()])
+    place, time = FrameFolder(folder).notes
+    assert "mm long at most; is it in metres? It counts as mm" in place
+    assert "frames are 66.5 s apart; is it in ms? It counts as s" in time
+    edit(folder, lambda e: [one.update(cam_t_w2c=[0, 0, 0]) for one in e.values()])
+    (folder / "times.json").write_text("[0, 2, 4]")
+    assert FrameFolder(folder).notes == []
+
+
+def test_pictures_of_other_kinds_and_json_with_a_mark_are_read(folder: Path) -> None:
+    rgb = FrameFolder(folder).read(1).rgb
+    for path in (folder / "rgb").iterdir():
+        image = cv2.imread(str(path))
+        path.unlink()
+        cv2.imwrite(str(path.with_suffix(".bmp")), image)
+    told = (folder / "scene_camera.json").read_bytes()
+    (folder / "scene_camera.json").write_bytes(b"\xef\xbb\xbf" + told)
+    again = FrameFolder(folder).read(1).rgb
+    assert rgb is not None and again is not None and np.array_equal(again, rgb)
+
+
 @pytest.mark.parametrize("depth_apart", [False, True])
 @pytest.mark.parametrize(
     ("lens", "told"),
@@ -234,7 +257,7 @@ def extra(folder: Path, told: str) -> None:
     (folder / "camera_extra.json").write_text(f'{{"calibration_std": {told}}}')
 
 
-def depth_camera(folder: Path, K: str, **more: list[int]) -> None:
+def depth_camera(folder: Path, K: str, **more: list[float]) -> None:
     own = {"cam_K": [int(x) for x in K.split(",")], **more}
     (folder / "camera_extra.json").write_text(json.dumps({"depth_camera": own}))
 
@@ -292,6 +315,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "time twice": (lambda f: (f / "times.json").write_text("[0, 1, 1]"), "frame 2 is at 1 s, the one before it at 1 s"),
     "no time": (lambda f: (f / "times.json").write_text("[NaN, 1, 2]"), "frame 0 is at nan s: times must be finite"),
     "few times": (lambda f: (f / "times.json").write_text("[0, 2]"), "a time .* for each of the 3 frames"),
+    "one time less": (lambda f: (f / "times.json").write_text('{"0": 0, "2": 1}'), "the 3 frames: frame 1 has none"),
     "distortion": (lambda f: (f / "camera_extra.json").write_text('{"distortion": [1, 2]}'), "0 or 4 or 5 or 8 finite"),
     "inverse depth camera": (lambda f: depth_camera(f, K="1, 0, 0, 0, 1, 0, 0, 0, 1", R_DC=[1]), "R_DC is not read"),
     "a lens of another kind": (
@@ -313,6 +337,15 @@ REFUSED: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a slip of writing": (
         lambda f: (f / "camera_extra.json").write_text('{"distorsion": [0.1, 0, 0, 0]}'),
         "distorsion is not read",
+    ),
+    "another name": (
+        lambda f: (f / "camera_extra.json").write_text('{"dist_coeffs": [0.1, 0, 0, 0]}'),
+        "dist_coeffs is not read; what is: distortion",
+    ),
+    "a number of its own": (lambda f: (f / "camera_extra.json").write_text('{"k1": 0.1}'), "k1 is not read"),
+    "metres": (
+        lambda f: depth_camera(f, K="9, 0, 0, 0, 9, 0, 0, 0, 1", t_CD=[0.025, 0, 0]),
+        "t_CD is 0.025 mm long; is it in metres",
     ),
     "size of depth": (lambda f: depth_camera(f, K="9, 0, 0, 0, 9, 0, 0, 0, 1", depth_scale=[0]), "depth_scale is 0"),
     "skew depth camera": (lambda f: depth_camera(f, K="9, 1, 0, 0, 9, 0, 0, 0, 1"), "depth_camera: cam_K must be"),

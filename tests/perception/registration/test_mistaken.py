@@ -14,7 +14,7 @@ from twin_diagram.assets import Asset
 from twin_diagram.perception.registration import turned_alike
 from twin_diagram.perception.registration.alternatives import compare
 from twin_diagram.perception.registration.assessment import assess
-from twin_diagram.perception.registration.colour_margin import turn_speaks
+from twin_diagram.perception.registration.colour_margin import colour_margin, turn_speaks
 from twin_diagram.perception.registration.colour_votes import TUNING, colour_costs
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
@@ -92,6 +92,23 @@ def test_colours_are_likelier_where_they_are_right_and_say_nothing_where_there_a
     plain = replace(box.model, colours=np.full_like(box.model.colours, 0.5), texture=0.0 * box.model.texture)
     grey = colour_costs(plain, seen([thing], grey=True).frame, poses, 400)
     assert abs(grey[1] - grey[0]) < 0.5
+
+
+def test_colours_that_fit_one_way_round_alone_say_nothing_of_a_plain_thing(box: Known) -> None:
+    """A forearm fitted a carton's pale side, and no other of its sides: that named it one, at 0.9."""
+    thing = standing(box)
+    facing = box.model.normals @ (thing.R.T @ (camera().p_WC - thing.p)) > 0.0
+    stripes = np.sign(np.sin(box.model.points / 0.006))
+    colours = np.where(facing[:, None], 0.5 + 0.06 * stripes, [0.9, 0.2, 0.1])
+    pale = replace(box.model, colours=np.broadcast_to(colours, box.model.colours.shape).copy())
+    for grey in (True, False):
+        view = seen([thing], grey)
+        one = at(thing, view, box)
+        if grey:
+            assert colour_margin(pale, view.frame, one) > 10.0
+            assert turn_speaks(pale, view.frame, one) == 0.0
+        else:
+            assert turn_speaks(box.model, view.frame, one) == 3.0, "of its own paint they speak"
 
 
 @pytest.mark.parametrize(("aside", "speaks"), [(5, True), (0, True), (None, False)])

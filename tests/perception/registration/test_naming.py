@@ -151,6 +151,24 @@ def test_colours_say_nothing_of_a_patch_in_the_air_that_goes_on_where_the_object
     assert told.probability < 0.5 if around == "goes on" else told.probability > 0.8
 
 
+def test_in_the_air_colours_say_nothing_of_a_grey_patch(box: Known) -> None:
+    """The half of a carton's white side that a plate left of it fitted a forearm, and named it one, at 0.92."""
+    thing = replace(standing(box, np.ones(3)), p=np.array([0.5, 0.0, 0.35]))
+    rgb, depth, _ = picture(camera(), [thing], np.random.default_rng(1901))
+    facing = box.model.normals @ (thing.R.T @ (camera().p_WC - thing.p)) > 0.0
+    for tint, named in (([0.6, 0.6, 0.6], False), ([0.8, 0.4, 0.2], True)):
+        painted = np.broadcast_to(np.round(255 * np.array(tint)).astype(np.uint8), rgb.shape)
+        segments = segment(painted, depth, 1.0, Grid.of(camera(), 2), ROOM)
+        view = View(segments, Frame.of(segments), PARAMS, 60)
+        colours = np.where(facing[:, None], tint, [0.2, 0.1, 0.9])
+        plain = replace(box.model, colours=np.broadcast_to(colours, box.model.colours.shape).copy())
+        one = at(replace(box, model=plain), thing, view)
+        assert told_by_colours(replace(box, model=plain), view, one) == 3.0, "all of them fit"
+        told = naming(replace(box, model=plain), view, one)
+        assert told.looks == 0
+        assert told.probability > 0.8 if named else told.probability < 0.5
+
+
 def test_colours_say_nothing_where_the_image_shows_a_plain_thing(box: Known) -> None:
     """A forearm's white end fitted four fifths of a carton's colours, and was named one with 0.9."""
     thing = standing(box, np.ones(3))

@@ -10,6 +10,7 @@ passed over, but for those that may be a slip of writing.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
@@ -28,6 +29,9 @@ from twin_diagram.signals.between_pixels import depth_between
 from twin_diagram.signals.calibration_error import CalibrationError
 from twin_diagram.signals.lens import TUNING as LENSES
 from twin_diagram.signals.lens import Lens, Map, folds, straightening
+
+METRES = (1e-6, 5e-4)
+"""Cameras in one housing stand 5 to 500 mm apart, which told in metres counts as so little [m]."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +142,9 @@ def read_extra(folder: Path) -> ExtraCamera:
     if np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0 or min(K[0, 0], K[1, 1]) <= 0:
         raise FramesError(f"{path}: depth_camera: R_CD must be a rotation and cam_K have positive focal lengths")
     p = _list(own, "t_CD", (3,), path) / 1000.0 if "t_CD" in own else np.zeros(3)
+    long = float(np.linalg.norm(p))
+    if METRES[0] < long < METRES[1]:
+        raise FramesError(f"{path}: depth_camera: t_CD is {1000 * long:.3g} mm long; is it in metres? It must be in mm")
     intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
     scale = float(_list(own, "depth_scale", (1,), path)[0]) if "depth_scale" in own else None
     if scale is not None and scale <= 0:
@@ -152,15 +159,19 @@ _DEPTH_KEYS = ("cam_K", "distortion", "lens", "R_CD", "t_CD", "depth_scale")
 """… and of the depth camera in it."""
 
 
+_OTHER_LENS = re.compile(r"dist(?!anc)|coeff|d$|[kp][1-6]$", re.IGNORECASE)
+"""Names that other programs give to distortion, or to its numbers."""
+
+
 def _others(told: dict[str, Any], known: tuple[str, ...], path: Path) -> tuple[str, ...]:
     """Return what is not read, such as a camera's name.
 
     Raises:
-        FramesError: one is nearly a name that is read, or tells a kind of lens: it would count as done.
+        FramesError: one is nearly a name that is read, or tells a lens by another name: it would count as done.
     """
     others = [key for key in told if key not in known]
     for key in others:
-        if "model" in key or get_close_matches(key, known, 1):
+        if "model" in key or _OTHER_LENS.match(key) or get_close_matches(key, known, 1):
             where = path if known is _KEYS else f"{path}: depth_camera"
             raise FramesError(f"{where}: {key} is not read; what is: {', '.join(known)}")
     return tuple(others)

@@ -15,8 +15,8 @@ from twin_diagram.errors import FramesError
 UNTOLD: Final = 65535
 """In depth of 16 bits this is none either: cameras and simulators write it for what they do not see, and what lies
 beyond 65534 steps ends there, too."""
-_IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
-"""Suffixes of the images that OpenCV reads and BOP folders hold."""
+_IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm"})
+"""Suffixes of the images that OpenCV reads and folders of frames hold."""
 
 
 def in_folder(folder: Path, name: str) -> Path:
@@ -73,13 +73,13 @@ def numbered(folder: Path, of_objects: bool = False) -> dict[int, Path]:
 
 
 def read_json(path: Path) -> Any:
-    """Return what a JSON file holds.
+    """Return what a JSON file holds, with or without the mark that some editors begin files with.
 
     Raises:
         FramesError: it cannot be parsed.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise FramesError(f"{path}: not readable as JSON ({error})") from None
 

@@ -34,6 +34,12 @@ class Tuning:
     rotation: float = 2e-3
     """How far R Rᵀ may be off the identity: printed with three digits it still passes, a wrong matrix does not."""
 
+    nearest_world: float = 10.0
+    """Cameras that are no farther from W's origin were told in metres, or all stand there [mm]."""
+
+    longest_step: float = 10.0
+    """Frames that are farther apart were told in ms, or are a time lapse's [s]."""
+
     most_masked: float = 0.5
     """A mask of a larger share of the picture, and of its four corners, is the background's: it is inverted."""
 
@@ -118,7 +124,7 @@ class FrameFolder:
         told = self._extra.depth_scale
         self._scales = {number: self._scale(number) if told is None else told for number in self.numbers}
         self.calibration = self._extra.calibration
-        self.notes = [f"{self._extra.file}: {name} is not read" for name in self._extra.unread]
+        self.notes = [f"{self._extra.file}: {name} is not read" for name in self._extra.unread] + self._other_units()
         self._sizes: dict[str, tuple[int, ...]] = {}
 
     def __len__(self) -> int:
@@ -227,8 +233,9 @@ class FrameFolder:
             raw = dict(zip(map(str, self.numbers), raw, strict=False)) if len(raw) == len(self.numbers) else {}
         try:
             times = [float(raw[str(number)]) for number in self.numbers]
-        except (KeyError, TypeError, ValueError):
-            raise FramesError(f"{path}: must hold a time [s] for each of the {len(self.numbers)} frames") from None
+        except (KeyError, TypeError, ValueError) as error:
+            odd = f": frame {error.args[0]} has none" if raw and isinstance(error, KeyError) else ""
+            raise FramesError(f"{path}: must hold a time [s] for each of the {len(self.numbers)} frames{odd}") from None
         for number, before, time in zip(self.numbers, [-np.inf, *times], times, strict=False):
             if not before < time < np.inf:
                 last = "" if before == -np.inf else f", the one before it at {before:g} s"
@@ -236,6 +243,17 @@ class FrameFolder:
                     f"{path}: frame {number} is at {time:g} s{last}: times must be finite and rise from frame to frame"
                 )
         return times
+
+    def _other_units(self) -> list[str]:
+        """Return what is said of numbers that may be told in metres, or in milliseconds."""
+        said: list[str] = []
+        far = 1000.0 * max(float(np.linalg.norm(p)) for _, p in self._poses.values())
+        if 0.0 < far < TUNING.nearest_world:
+            said.append(f"{self._file}: cam_t_w2c is {far:.3g} mm long at most; is it in metres? It counts as mm")
+        steps = np.diff(self.times)
+        if self.timed and len(steps) and (usual := float(np.median(steps))) > TUNING.longest_step:
+            said.append(f"{self.folder / 'times.json'}: frames are {usual:.3g} s apart; is it in ms? It counts as s")
+        return said
 
     def _depth_map(self, number: int) -> DepthMap:
         path = self._depth[number]

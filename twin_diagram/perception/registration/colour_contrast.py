@@ -49,24 +49,51 @@ def painted_alike(model: ModelCloud, frame: Frame, one: RegisteredPose) -> float
         frame: the image.
         one: the pose.
     """
-    looked = look(model, frame, Poses(one.R[None], one.p[None]), TUNING.points, FINE)
-    if not looked.coloured:
+    told = _in_place(model, frame, one)
+    if told is None:
         return 1.0
-    weight = np.empty(looked.flags.shape)
-    cuts = SurfaceCuts(ALTERNATIVES.placed, RESIDUALS.model_noise, ASSESSMENT.same_surface)
-    weigh_in_place(looked.told, looked.flags, frame.noise, cuts, weight)
-    weight = (weight * looked.painted)[0]
-    own = _contrast(looked.colour[0], weight)
-    if weight.sum() < TUNING.least or own <= VOTES.colour:
-        return 1.0
-    shown = _contrast(frame.plain_colour_at(looked.u, looked.v, FINE)[0], weight)
+    own, shown = (_contrast(tints - weight @ tints / weight.sum(), weight) for tints, weight in told)
+    return 1.0 if own <= VOTES.colour else _as_much(shown, own)
+
+
+def coloured_alike(model: ModelCloud, frame: Frame, one: RegisteredPose) -> float:
+    """Return from 0 to 1 whether an image shows as much colour as a model in its place: what is grey shows none.
+
+    0 where the model shows none itself, or too little of it is in place: of a white patch's name colours say nothing.
+
+    Args:
+        model: the object, coloured.
+        frame: the image.
+        one: the pose.
+    """
+    told = _in_place(model, frame, one)
+    if told is None:
+        return 0.0
+    own, shown = (_contrast(tints, weight) for tints, weight in told)
+    return 0.0 if own <= VOTES.colour else _as_much(shown, own)
+
+
+def _as_much(shown: float, own: float) -> float:
+    """Return from 0 to 1 whether a contrast is a model's own, and not a plain thing's."""
     low, high = TUNING.share
     return float(np.clip((shown / own - low) / (high - low), 0.0, 1.0))
 
 
-def _contrast(colours: Array, weight: Array) -> float:
-    """Return the deviation of tints of colours (N, 3), with weights (N,); what is grey, as shade is, has none."""
-    total = max(float(weight.sum()), 1e-12)
-    tints = colours - colours.mean(axis=1, keepdims=True)
-    off = tints - weight @ tints / total
-    return float(np.sqrt(weight @ np.einsum("ni,ni->n", off, off) / total))
+def _in_place(model: ModelCloud, frame: Frame, one: RegisteredPose) -> tuple[tuple[Array, Array], ...] | None:
+    """Return the tints (N, 3) of the model and of the image in its place, each with weights (N,); None of too few."""
+    looked = look(model, frame, Poses(one.R[None], one.p[None]), TUNING.points, FINE)
+    if not looked.coloured:
+        return None
+    weight = np.empty(looked.flags.shape)
+    cuts = SurfaceCuts(ALTERNATIVES.placed, RESIDUALS.model_noise, ASSESSMENT.same_surface)
+    weigh_in_place(looked.told, looked.flags, frame.noise, cuts, weight)
+    weight = (weight * looked.painted)[0]
+    if weight.sum() < TUNING.least:
+        return None
+    both = looked.colour[0], frame.plain_colour_at(looked.u, looked.v, FINE)[0]
+    return tuple((colours - colours.mean(axis=1, keepdims=True), weight) for colours in both)
+
+
+def _contrast(tints: Array, weight: Array) -> float:
+    """Return the size of tints (N, 3), RMS with weights (N,); what is grey, as shade is, has none."""
+    return float(np.sqrt(weight @ np.einsum("ni,ni->n", tints, tints) / weight.sum()))

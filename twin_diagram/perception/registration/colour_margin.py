@@ -1,7 +1,8 @@
 """Tells by how much the colours speak for the way round that an object was found, whatever share of them fits.
 
 Fine paint a pixel aside, or in another light, fits badly everywhere, and best where it belongs. What is another thing
-has colours that fit no way round much better than the next.
+has colours that fit no way round much better than the next; but a plain thing's fit one way much better if the object
+is plain on one side: they say nothing.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin_diagram.perception.registration.colour_contrast import painted_alike
 from twin_diagram.perception.registration.colour_votes import TUNING as VOTES
 from twin_diagram.perception.registration.colour_votes import colour_costs
 from twin_diagram.perception.registration.data_association import Poses
@@ -62,5 +64,9 @@ def colour_margin(model: ModelCloud, frame: Frame, one: RegisteredPose) -> float
 
 
 def turn_speaks(model: ModelCloud, frame: Frame, one: RegisteredPose) -> float:
-    """Return by how much `colour_margin` speaks for what an object was found as [nat]; 0: not at all."""
-    return float(np.clip(0.5 * (colour_margin(model, frame, one) - TUNING.clear), 0.0, TUNING.most))
+    """Return by how much `colour_margin` speaks for what an object was found as [nat]; 0: not at all.
+
+    Only as far as the image shows the paint that the object has there.
+    """
+    spoken = float(np.clip(0.5 * (colour_margin(model, frame, one) - TUNING.clear), 0.0, TUNING.most))
+    return spoken * painted_alike(model, frame, one) if spoken > 0.0 else 0.0

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.perception.registration.colour_contrast import painted_alike
+from twin_diagram.perception.registration.colour_contrast import coloured_alike, painted_alike
 from twin_diagram.perception.registration.colour_margin import turn_speaks
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming import TUNING as NAMING
@@ -114,7 +114,7 @@ def naming(known: Known, view: View, one: RegisteredPose) -> Naming:
     colours = told_by_colours(known, view, one)
     evidence = None
     if floats(known, view, one):  # What carries it hides a part of its outline, and it stands on nothing.
-        colours *= ends_alike(model, view, one)
+        colours *= min(ends_alike(model, view, one), coloured_alike(model, view.frame, one)) if colours > 0.0 else 0.0
     else:
         evidence = shape_evidence(model, view.frame, view.segments, one)
     if evidence is None:
