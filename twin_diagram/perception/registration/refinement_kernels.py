@@ -120,7 +120,7 @@ class StepCourse(NamedTuple):
 
     Attributes:
         most: at most.
-        most_coarse: of them on coarse colours.
+        most_coarse: of them on coarse colours; 0: they are fine from the begin.
         stays_coarse: whether colours stay coarse, and the reach wide.
         right: whether the start is taken to be right: then the reach is narrow, unless the first step, which is
             undone, is not small.
@@ -192,6 +192,8 @@ def refine_one(
     sizes, course = rules.sizes, rules.course
     # Not a bare constant, nor arrays set to arrays: for those Numba compiles all below once more, and words of errors.
     level, taken, right = int(COARSE), 0, course.right
+    if course.most_coarse == 0:
+        level = FINE
     reach = sizes.narrow if right else sizes.reach
     H, b, slope = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty(6)
     for _ in range(course.most):
