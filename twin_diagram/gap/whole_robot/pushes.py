@@ -20,6 +20,7 @@ from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, mostly_res
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import slopes
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
+from twin_diagram.gap.whole_robot.sharp_moments import sharpened
 from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
 from twin_diagram.gap.whole_robot.well_told import share_along
 from twin_diagram.signals.arrays import Array
@@ -111,7 +112,7 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
         if not found:
             return []
         tried = [_Tried.of(problem, z, _spanned(terms, *one[1:])) for one in found]
-        best = max(tried, key=lambda one: one.score)
+        best, (_, wrench, _, _) = max(zip(tried, found, strict=True), key=lambda both: both[0].score)
         quiet = replace(problem, variance=best.variance, share=best.share)
     if brief(best.candidate):
         return []
@@ -119,7 +120,9 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
     best = _Tried.of(problem, z, best.candidate)
     if best.score < TUNING.worth or beside_rough_friction(problem, z, best) < TUNING.worth:
         return []
-    return [on_the_innermost(problem, z, terms, best.candidate)]
+    span = best.candidate.onset, best.candidate.end
+    span = sharpened(problem, z, terms, span, lambda *moments: _during(terms, wrench, *moments))
+    return [on_the_innermost(problem, z, terms, _during(terms, wrench, *span))]
 
 
 def brief(push: Candidate) -> bool:
