@@ -14,7 +14,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.gap.whole_robot.explain import begun, beside_its_events, explain, settled
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
-from twin_diagram.gap.whole_robot.pushes import pushes
+from twin_diagram.gap.whole_robot.pushes import TUNING, pushes
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import terms_of
 from twin_diagram.signals.arrays import Array
@@ -66,3 +66,17 @@ def test_what_a_pushs_ramps_leave_hides_no_friction(monkeypatch: pytest.MonkeyPa
     values: Array = np.array([value for value, _ in told.values()])
     np.testing.assert_allclose(values, DAMPING, rtol=0.05)
     assert any(joint not in plain or plain[joint][1] > 3.0 * told[joint][1] for joint in told)
+
+
+def test_what_brings_no_joint_a_tenth_of_its_friction_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction changes by as much as joints warm: 9 mN·m beside 160 for two seconds had a name."""
+    true = ARM.with_effects([everywhere("viscous_friction", damping=2.0), everywhere("coulomb_friction", torque=40.0)])
+    calm = noisy(ARM, true, 10.0)
+    slight = effect("external_force", links=["forearm_link"], wrench=[4.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+    (record,), (other,) = calm.records, noisy(ARM, true.with_effects([*true.effects, slight]), 10.0).records
+    during = ((record.time > 4.0) & (record.time < 6.0))[:, None]
+    records = replace(calm, records=(replace(record, torque=np.where(during, other.torque, record.torque)),))
+    whole, start = settled(begun(records, equations(records)))
+    assert not pushes(whole, start, terms_of(whole.sums, ARM))
+    monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.TUNING", replace(TUNING, drifts=0.0))
+    assert pushes(whole, start, terms_of(whole.sums, ARM))
