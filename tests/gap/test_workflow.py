@@ -479,3 +479,24 @@ def test_stages_are_told_in_their_order(runs: tuple[Path, list[Path]], stub: Non
     stages = [text.partition(" (")[0] for text in told]
     assert stages[0] == "reading the logs" and stages[-1] == "rollouts of the held-out run before and after"
     assert [stage for stage in workflow.STAGES if stage in stages] == stages
+
+
+def test_links_without_mass_are_told_and_frames_welded_to_others_are_not(tmp_path: Path) -> None:
+    """Beside a link without an <inertial> an encoder's offset was named that is not there, and nothing said why."""
+    body = '<inertial><mass value="2"/><inertia ixx=".02" iyy=".02" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/><axis xyz="{axis}"/>'
+        '<origin xyz="0 0.1 0.2"/><limit lower="-2" upper="2" velocity="2" effort="50"/></joint>'
+        for k, axis in enumerate(("0 0 1", "0 1 0", "1 0 0"))
+    )
+    flange = '<link name="flange"/><joint name="f" type="fixed"><parent link="l3"/><child link="flange"/></joint>'
+    links = f'<link name="l0"/><link name="l1">{body}</link><link name="l2"/><link name="l3">{body}</link>'
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{links}{joints}{flange}</robot>', encoding="utf-8")
+    (told,) = workflow.told_of_weightless(Model.load(path))
+    assert told.startswith("l2: described without any mass")
+    path.write_text(
+        f'<robot name="arm">{links}{joints}{flange}</robot>'.replace('"l2"/><link', f'"l2">{body}</link><link')
+    )
+    assert workflow.told_of_weightless(Model.load(path)) == []
+    assert workflow.told_of_weightless(Model.load(models_dir() / "arms" / "panda.urdf")) == []

@@ -410,6 +410,8 @@ def test_doubtful_logs_are_named() -> None:
     (warning,) = check(gap, MODEL.limits)
     assert warning.code == "gap"
     assert "2 gap(s)" in warning.message and "0.255 s" in warning.message
+    (warning,) = check(Log(log.time[kept] + 1.7e9, JOINTS, log.position[kept], torque=log.torque[kept]), MODEL.limits)
+    assert f"at {1.7e9 + log.time[99]:.3f}".rstrip("0") in warning.message  # 1.7e+09 tells nobody where
     jitter = log.time + 0.3 * log.period * np.random.default_rng(0).uniform(-1.0, 1.0, len(log))
     assert codes(Log(jitter, JOINTS, log.position, torque=log.torque)) == ["jitter"]
     slow = Log(log.time, JOINTS, log.position, velocity=0.5 * log.velocity, torque=log.torque)

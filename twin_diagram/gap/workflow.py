@@ -318,7 +318,7 @@ def _read(
         raise LogError(
             f"{logs[0].source}: no joint moves beyond its encoder's noise: give a log in which the arm moves"
         )
-    notes = [warning.message for warning in warnings]
+    notes = [warning.message for warning in warnings] + told_of_weightless(given)
     if given.arm.link_side:
         notes.append(
             "torques were measured behind the gears: friction is what is left of it there, and rotors do not show"
@@ -326,6 +326,17 @@ def _read(
     if fingerprint(kept) in map(fingerprint, logs):
         notes.append(f"{kept.source}: is also a fitted run, so it proves nothing; hold out another one")
     return given, logs, kept, notes
+
+
+def told_of_weightless(given: Model) -> list[str]:
+    """Return what is said of links that a description leaves without mass, with all that is welded to them."""
+    links = [link for link, inertia in zip(given.tree.link, given.tree.inertia, strict=True) if inertia[0] <= 0.0]
+    if not links:
+        return []
+    return [
+        f"{', '.join(links)}: described without any mass; where there is some, give an <inertial>: none is looked for "
+        "there, and what is named near it may stand for it"
+    ]
 
 
 def _stretches(

@@ -103,7 +103,7 @@ def _gaps(log: Log) -> list[LogWarning]:
         result.append(
             LogWarning(
                 "gap",
-                f"{log.source}: {len(gaps)} gap(s) in time; the longest is {steps[k]:.4g} s at {log.time[k]:.6g} s "
+                f"{log.source}: {len(gaps)} gap(s) in time; the longest is {steps[k]:.4g} s at {log.time[k]:.13g} s "
                 f"(samples are {log.period:.4g} s apart)",
             )
         )

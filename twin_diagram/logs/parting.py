@@ -62,8 +62,8 @@ def parted(log: Log, shortest: float) -> list[Log]:
         if np.sum(steps[silent]) > TUNING.silent * (log.time[-1] - log.time[0]):
             k = int(np.argmax(steps))
             raise LogError(
-                f"{log.source}: is silent for most of its time, as from {log.time[k]:.6g} to {log.time[k + 1]:.6g} s, "
-                f"and most of its stretches are shorter than {shortest:g} s; log longer ones"
+                f"{log.source}: is silent for most of its time, as from {log.time[k]:.13g} to "
+                f"{log.time[k + 1]:.13g} s, and most of its stretches are shorter than {shortest:g} s; log longer ones"
             )
         return [whole]
     return [_stretch(log, part) for part in kept]

@@ -70,7 +70,7 @@ def uniform(log: Log, rate: float | None = None) -> Log:
     if is_silent(log):
         k = int(np.argmax(np.diff(log.time)))
         raise LogError(
-            f"{log.source}: time: jumps from {log.time[k]:.6g} to {log.time[k + 1]:.6g} s, far more than all its "
+            f"{log.source}: time: jumps from {log.time[k]:.13g} to {log.time[k + 1]:.13g} s, far more than all its "
             "samples last; cut the log there"
         )
     period = log.period if rate is None else 1.0 / rate

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
+from twin_diagram.gap.residuals.log_noise import roughness
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -58,16 +59,16 @@ def without_brakes(model: Model, log: Log) -> npt.NDArray[np.bool_]:
     torque, time = log.motor_torque, log.time
     kept = np.ones(len(time), dtype=bool)
     width = round(TUNING.window / log.period)
-    if width < 1 or len(time) < 4 * width:
+    if width < 1 or len(time) <= 4 * width:
         return kept
     size = np.sqrt(np.mean(torque**2, axis=0))
-    noise = _noise(torque)
+    noise = roughness(torque, log.period)
 
     def nothing(samples: int) -> Array:
         return np.asarray(np.maximum(TUNING.nothing * size, TUNING.noises * noise / np.sqrt(samples)))
 
     off = np.all(np.abs(uniform_filter1d(torque, width, axis=0)) <= nothing(width), axis=1)
-    steps = TUNING.still * np.ptp(log.position, axis=0) + 2.0 * TUNING.noises * _noise(log.position)
+    steps = TUNING.still * np.ptp(log.position, axis=0) + 2.0 * TUNING.noises * roughness(log.position, log.period)
     for begin, end in stretches(off):
         later = slice((begin + end) // 2, end)
         if end - begin < width or not np.all(np.ptp(log.position[later], axis=0) <= steps):
@@ -84,9 +85,3 @@ def without_brakes(model: Model, log: Log) -> npt.NDArray[np.bool_]:
         last = min(last, int(np.searchsorted(time, time[end - 1] + TUNING.released)))
         kept[max(begin - width // 2, 0) : max(last, end)] = False
     return kept
-
-
-def _noise(signal: Array) -> Array:
-    """Return (n,) the usual noise of a signal (N, n) that is smooth for a few samples."""
-    rough = np.abs(np.diff(signal, 2, axis=0)) / np.sqrt(6.0)
-    return np.asarray(1.4826 * np.median(rough, axis=0))

@@ -20,6 +20,7 @@ from twin_diagram.gap.whole_robot.all_links import with_all_links
 from twin_diagram.gap.whole_robot.colour_of_noise import between, whitened
 from twin_diagram.gap.whole_robot.concluding import WholeRobot, concluded, last_of, own_terms, well_known
 from twin_diagram.gap.whole_robot.dry_shapes import shaped
+from twin_diagram.gap.whole_robot.edges_of_events import without_edges
 from twin_diagram.gap.whole_robot.evident import evident
 from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import (
@@ -96,6 +97,7 @@ def explain(records: Records, *, known: bool = False, told: Array | None = None)
     found = better(plain, carried, whole)
     if found is not None and told is not None and len(told) > 10 * records.n:
         found = beside_what_was_found(found, whole, told)
+    found = None if found is None else beside_its_events(found, whole)
     found = None if found is None else well_known(found)
     return None if found is None else in_doubt(with_all_links(found))
 
@@ -161,6 +163,30 @@ def beside_what_was_found(found: WholeRobot, whole: RobotProblem, told: Array) -
     judge = quieter(whole, [found, carried])
     rise = float(np.sum(likelihood(judge, carried.left) - likelihood(judge, found.left)))
     return as_sure(carried, LOADS.worth + rise) if rise > 0.0 and carried.terms() <= found.terms() else found
+
+
+def beside_its_events(found: WholeRobot, whole: RobotProblem) -> WholeRobot:
+    """Return what was found with what is usual chosen anew, where a push neither comes nor goes.
+
+    Which push there is was decided on all samples: leaving some out speaks for none.
+
+    Args:
+        found: with a push, or without, which stays.
+        whole: with everything usual free.
+    """
+    problem = without_edges(found.problem)
+    if problem is None:
+        return found
+    links, own = room_for(problem.sums, last_of(whole))
+    every = replace(problem, links_free=whole.links_free & links, own_free=whole.own_free & own, gone=whole.gone)
+    every, _ = settled(every)
+    more = concluded(weeded(every, every))
+    return more if more is not None and named(found) <= named(more) else found
+
+
+def named(found: WholeRobot) -> set[str]:
+    """Return the names of what is unusual."""
+    return {candidate.name for candidate in found.problem.sums.further} & {one.name for one in found.findings}
 
 
 def as_sure(found: WholeRobot, rise: float) -> WholeRobot:

@@ -12,11 +12,15 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals import stiction
 from twin_diagram.gap.residuals.regressors import Terms, given_load, slow_speed
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.signals.arrays import Array
+
+NO_FRICTION = 1e-9
+"""Any torque is large beside this [N·m]."""
 
 
 def dry_levels(problem: RobotProblem, z: Array) -> Array:
@@ -28,6 +32,21 @@ def dry_levels(problem: RobotProblem, z: Array) -> Array:
     """
     own = z[10 * problem.n : 14 * problem.n].reshape(problem.n, len(OWN))
     return np.asarray(np.abs(own[:, OWN.index("coulomb")] + problem.sums.stated_dry))
+
+
+def shares_of_friction(problem: RobotProblem, z: Array, push: Candidate) -> Array:
+    """Return (r,) the most torque that a push brings each joint that it drives, over the joint's dry friction.
+
+    Args:
+        problem: of what is there beside it, without it.
+        z: (Z,) its coordinates.
+        push: as it was found.
+    """
+    beside = replace(problem, sums=problem.sums.with_further([*problem.sums.further, push]))
+    fitted = solve(beside, None, np.concatenate([z, np.zeros(push.size)]))
+    brought = np.max(np.abs(push.columns @ fitted[-push.size :]), axis=0)
+    level = np.maximum(dry_levels(problem, z), dry_levels(problem, fitted))[list(push.rows)]
+    return np.asarray(brought / np.maximum(level, NO_FRICTION))
 
 
 def mostly_resting(problem: RobotProblem, terms: Terms) -> npt.NDArray[np.bool_]:

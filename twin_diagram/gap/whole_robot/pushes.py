@@ -16,10 +16,11 @@ from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot import estimates
-from twin_diagram.gap.whole_robot.held_by_friction import dry_levels, mostly_resting, without_held
+from twin_diagram.gap.whole_robot.held_by_friction import mostly_resting, shares_of_friction, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import slopes
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
+from twin_diagram.gap.whole_robot.sharp_moments import sharpened
 from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
 from twin_diagram.gap.whole_robot.well_told import share_along
 from twin_diagram.signals.arrays import Array
@@ -72,6 +73,9 @@ class Tuning:
     """Times a joint's dry friction by which what holds it may change while it rests: from one direction to the other,
     and before it slides it is up to 1.6 times what it is then."""
 
+    drifts: float = 0.1
+    """The same by which friction changes as joints warm, or with the angle: what brings no joint more is no push."""
+
     nothing: float = 1e-30
     """Sum of squares below which a joint has nothing left: one that never moves, say [N²·m²]."""
 
@@ -111,15 +115,17 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
         if not found:
             return []
         tried = [_Tried.of(problem, z, _spanned(terms, *one[1:])) for one in found]
-        best = max(tried, key=lambda one: one.score)
+        best, (_, wrench, _, _) = max(zip(tried, found, strict=True), key=lambda both: both[0].score)
         quiet = replace(problem, variance=best.variance, share=best.share)
-    if brief(best.candidate):
+    if brief(best.candidate) or np.all(shares_of_friction(problem, z, best.candidate) < TUNING.drifts):
         return []
     problem, z = while_sliding(problem, z, terms, best.candidate)
     best = _Tried.of(problem, z, best.candidate)
     if best.score < TUNING.worth or beside_rough_friction(problem, z, best) < TUNING.worth:
         return []
-    return [on_the_innermost(problem, z, terms, best.candidate)]
+    span = best.candidate.onset, best.candidate.end
+    span = sharpened(problem, z, terms, span, lambda *moments: _during(terms, wrench, *moments))
+    return [on_the_innermost(problem, z, terms, _during(terms, wrench, *span))]
 
 
 def brief(push: Candidate) -> bool:
@@ -138,12 +144,8 @@ def while_sliding(problem: RobotProblem, z: Array, terms: Terms, push: Candidate
         terms: of the same samples.
         push: as it was found.
     """
-    beside = replace(problem, sums=problem.sums.with_further([*problem.sums.further, push]))
-    fitted = solve(beside, None, np.concatenate([z, np.zeros(push.size)]))
-    brought = np.max(np.abs(push.columns @ fitted[-push.size :]), axis=0)
-    level = np.maximum(dry_levels(problem, z), dry_levels(problem, fitted))
-    rests = mostly_resting(problem, terms)
-    held = [j for j, torque in zip(push.rows, brought, strict=True) if torque < TUNING.held * level[j] or rests[j]]
+    shares, rests = shares_of_friction(problem, z, push), mostly_resting(problem, terms)
+    held = [j for j, share in zip(push.rows, shares, strict=True) if share < TUNING.held or rests[j]]
     return without_held(problem, z, terms, held)
 
 
