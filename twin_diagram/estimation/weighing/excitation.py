@@ -149,6 +149,20 @@ def feed_forward(model: Model, X_TO: RigidTransform, parameters: Array, motion: 
     return result
 
 
+def weight_torque(model: Model, X_TO: RigidTransform, parameters: Array, q: Array) -> Array:
+    """Return the torques (N, n) that hold an object up at rest, beyond those that hold the arm [N·m].
+
+    Args:
+        model: the arm.
+        X_TO: the object's frame O in the tool frame.
+        parameters: (10,) of the object in O, of which mass and centre count.
+        q: (N, n) [rad].
+    """
+    held, result = Held.in_tool(model, X_TO), np.zeros_like(q)
+    result[:, held.rows] = held.regressor(model, q, np.zeros_like(q), np.zeros_like(q)) @ parameters
+    return result
+
+
 def optimise_excitation(
     model: Model,
     X_TO: RigidTransform,
