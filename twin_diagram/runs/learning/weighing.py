@@ -79,7 +79,8 @@ class Tuning:
 
     bends: float = 0.02
     """… and so much more for each kilogram held [m/kg]: with 1.42 kg an arm that neither bore it nor was told what
-    torques its swing takes left its path by 23 mm, and its wrist met a bin's wall. Half as much was not tried since."""
+    torques its swing takes left its path by 23 mm, and its wrist met a bin's wall. With both it leaves it by 3 mm; less
+    was not tried."""
 
     turning: float = 0.0005
     """By which fingers move when what they hold turns between them [m]: what is round goes 2 mm before it is lost."""
