@@ -8,8 +8,7 @@ import numpy as np
 
 from twin_diagram import Scenario
 from twin_diagram.assets import Asset
-from twin_diagram.errors import ScenarioError
-from twin_diagram.runs.learning.drawn_bins import drawn_object
+from twin_diagram.runs.learning.drawn_bins import drawn_object, filled_bin
 from twin_diagram.scenario.file import copy_scenario
 from twin_diagram.scenario.resources import resolve
 
@@ -53,11 +52,9 @@ def lay_across(base: Scenario, seed: int) -> Scenario:
     Raises:
         ScenarioError: nothing is learned there.
     """
-    if base.twin.learning is None:
-        raise ScenarioError("twin.learning", "is missing: it tells the bin that is filled with objects")
+    low, high = filled_bin(base)
     scenario, rng = copy_scenario(base), np.random.default_rng([923, seed])
     scenario.seed = seed
-    low, high = (np.array(corner) for corner in base.twin.learning.from_bin)
     kind = str(rng.choice(TUNING.below))
     below, box = (Asset.load(resolve(f"objects/{one}", base.packages)) for one in (kind, "cracker_box"))
     place = rng.uniform(low[:2] + TUNING.inside, high[:2] - TUNING.inside)

@@ -16,6 +16,7 @@ from tests.estimation.weighing.conftest import MODEL, POSTURE
 from twin_diagram import scenario
 from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.model import Model
+from twin_diagram.runs.learning.bearing import Borne, holding
 from twin_diagram.runs.learning.cell import Recording
 from twin_diagram.runs.learning.felt_weight import Centre, Felt, centre_felt
 from twin_diagram.runs.learning.following import Followed
@@ -91,15 +92,18 @@ def test_handling_notes_what_it_felt_of_what_it_still_holds(opening: float) -> N
         yield Recording(torque=[torque])
 
     cell = SimpleNamespace(opening=opening, q=felt.q[-1], recording=recording, wait=lambda seconds: None)
-    tools: Any = SimpleNamespace(cell=cell, model=model)
+    cell.borne, cell.time = Borne(), 0.0
+    tools: Any = SimpleNamespace(cell=cell, model=model, driven=model)
     shown = ShownObject(Followed(points=box_S((0.16, 0.06, 0.2))), [np.linalg.inv(X_TS)])
     feel(tools, shown, felt)
     if opening < 0.004:
-        assert shown.centre is None and shown.mass_at_rest is None
+        assert shown.centre is None and shown.mass_at_rest is None and not cell.borne.torque(cell.q, 1.0).any()
         return
     assert shown.centre is not None and shown.mass_at_rest == pytest.approx(MASS, rel=0.15)
     off = X_TS[:3, :3] @ shown.centre.mean + X_TS[:3, 3] - CENTRE_T * MASS / shown.mass_at_rest
     assert np.abs(off)[:2].max() < 0.004
+    borne = holding(model, MASS, CENTRE_T)(cell.q)
+    assert cell.borne.torque(cell.q, 1.0) == pytest.approx(borne, rel=0.15, abs=0.05), "the driver bears it there"
 
 
 def test_where_nothing_was_felt_the_middle_of_its_shape_stands() -> None:

@@ -12,6 +12,7 @@ from pydrake.math import RigidTransform
 from twin_diagram import load_scenario
 from twin_diagram.estimation.weighing import Shape, feed_forward
 from twin_diagram.model.model import Model
+from twin_diagram.runs.learning.bearing import holding
 from twin_diagram.runs.learning.start import check_cell, tools_of
 from twin_diagram.runs.learning.weighing import swing, torques_of
 from twin_diagram.signals.arrays import Array
@@ -40,7 +41,7 @@ def motion_about(posture: Array) -> Any:
     return SimpleNamespace(harmonics=SimpleNamespace(period=PERIOD), at=at, posture=posture)
 
 
-def test_added_torques_are_what_the_motion_takes_beyond_rest() -> None:
+def test_added_torques_are_what_the_motion_takes_beyond_what_is_borne() -> None:
     twin = load_scenario("bin_picking").twin
     model = Model.load(twin.arm, torque_side="motor")
     motion, X_TO, box = motion_about(np.array(twin.home)), np.eye(4), Shape.box(np.full(3, 0.1)).even(1.0)
@@ -48,8 +49,8 @@ def test_added_torques_are_what_the_motion_takes_beyond_rest() -> None:
     assert len(added) == 1201 and np.abs(added[[0, -1]]).max() < 1e-6 and np.abs(added).max() > 5.0
     middle = motion.at(np.array([1.1]))
     whole = feed_forward(model, RigidTransform(), box, middle)[0]
-    at_rest = feed_forward(model, RigidTransform(), box, motion.at(np.zeros(1)))[0]
-    assert added[440] == pytest.approx(whole - at_rest, abs=1e-9) and np.abs(at_rest).max() > 1.0
+    borne = holding(model, 1.0, np.zeros(3))(middle[0][0])
+    assert added[440] == pytest.approx(whole - borne, abs=1e-9) and np.abs(borne).max() > 1.0
 
 
 @pytest.mark.long

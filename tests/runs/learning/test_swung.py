@@ -22,14 +22,16 @@ from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.logs.measured_log import Log
 from twin_diagram.model import Model
 from twin_diagram.runs.learning import swinging, weighing
+from twin_diagram.runs.learning.bearing import Borne
 from twin_diagram.runs.learning.cell import TUNING as CELL
 from twin_diagram.runs.learning.cell import Cell, Recording
+from twin_diagram.runs.learning.felt_weight import first_mass
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.motion import Mover, pointing, pose
 from twin_diagram.runs.learning.record import SWUNG
 from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.swung_log import Swung, read_swung, slipped, way_slipped, write_swung
-from twin_diagram.runs.learning.weighing import Slipping, first_mass, grip_on, share_of, swing
+from twin_diagram.runs.learning.weighing import Slipping, grip_on, share_of, swing
 from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array
 
@@ -285,7 +287,7 @@ def test_what_has_no_room_about_one_posture_is_swung_about_another(monkeypatch: 
         return np.stack([here + 0.05, there + 0.3 * len(tried)])
 
     mover: Any = SimpleNamespace(goals=goals, path=lambda q, ends: ends, timed=lambda path: path)
-    cell: Any = SimpleNamespace(commanded=here, fingers={})
+    cell: Any = SimpleNamespace(commanded=here, fingers={}, borne=Borne(), time=0.0)
 
     def motion(model: Any, mover: Any, posture: Any, *rest: Any) -> Any:
         tried.append(float(posture[0]))
@@ -302,11 +304,13 @@ def test_what_has_no_room_about_one_posture_is_swung_about_another(monkeypatch: 
 
     monkeypatch.setattr(weighing, "swing", swing_)
     monkeypatch.setattr(weighing, "torques_of", lambda *told: None)
+    monkeypatch.setattr(weighing, "holding", lambda model, mass, centre: lambda q: mass * np.ones(7) + centre[0])
     told: Any = (np.eye(4), np.array([np.zeros(3), np.full(3, 0.1)]), np.zeros(3), 10.0, 1.0)
     model: Any = SimpleNamespace(joints=("a",))
     clear_at = 2
     held, about = weighing.swing_held(model, mover, cell, *told)
     assert about.posture[0] == tried[1] == pytest.approx(0.8)
+    assert cell.borne.torque(here, 1.0) == pytest.approx(np.ones(7)), "swung, it is borne"
     assert held.way is not None and (held.way[0], held.way[-1]) == (-1.0, 1.0), "by the fingers, where it slipped"
     tried.clear()
     clear_at = 9

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         ExcitationPlan,
         feed_forward,
         optimise_excitation,
+        weight_torque,
     )
     from twin_diagram.estimation.weighing.grip import Grip
     from twin_diagram.estimation.weighing.held import WeighingError
@@ -43,6 +44,7 @@ __all__ = [
     "feed_forward",
     "optimise_excitation",
     "weigh",
+    "weight_torque",
 ]
 
 __getattr__, __dir__ = faces.lazy_face(__name__)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,6 +108,11 @@ class ExcitationCost:
         """Return posture (m,) and coefficients (size, m)."""
         m = len(self.limits.lower)
         return x[:m], x[m:].reshape(self.harmonics.size, m)
+
+    def finer(self, times: int) -> ExcitationCost:
+        """Return the same at so many times as many samples."""
+        count = times * len(self.time)
+        return replace(self, time=np.arange(count) * self.harmonics.period / count)
 
     def scaled(self, x: Array, factor: float) -> Array:
         """Return the same with the motion scaled about its posture."""

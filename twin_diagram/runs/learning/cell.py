@@ -23,6 +23,7 @@ from twin_diagram.model.description.followers import Followers
 from twin_diagram.perception.alignment import Alignment
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.planning.tasks.task_system import Fingers
+from twin_diagram.runs.learning.bearing import Borne
 from twin_diagram.runtime import stopping
 from twin_diagram.scenario import Camera, Scenario
 from twin_diagram.scenario.lenses import colour_lens
@@ -124,6 +125,7 @@ class Cell:
     """A simulated cell, advanced by those who ask something of it.
 
     Attributes:
+        borne: of what is held, by the driver; nothing any more once the fingers are told to open.
         observer: is told by `moment` where everything truly is, and of each tick, for scorers alone; None: nobody is.
         doing: what the arm is about, for the observer.
         shut_at: (n,) joint angles at which the fingers were last told to shut [rad]; None: they never were.
@@ -136,8 +138,7 @@ class Cell:
             ScenarioError, ModelError, AssetError: what it is to be built from is missing or malformed.
             NativeLibraryError: EGL is missing.
         """
-        self._cameras = scenario.twin.cameras
-        self._eyes = CamerasOnDemand(scenario)
+        self._cameras, self._eyes = scenario.twin.cameras, CamerasOnDemand(scenario)
         self._station = SimStation(scenario)
         arm = self._station.world.arm
         if not arm.fingers:
@@ -160,7 +161,7 @@ class Cell:
         self.doing = FREE
         self._torque = np.zeros_like(self._command)
         self._ahead = np.zeros(1), self._command[None], self._torque[None], 0.0
-        self._spent = np.zeros(2)
+        self._spent, self.borne = np.zeros(2), Borne()
         self.shut_at: Array | None = None
         self._send()
         self._simulator.Initialize()
@@ -229,7 +230,8 @@ class Cell:
     def _send(self) -> None:
         station, context = self._station, self._context
         station.GetInputPort(ports.POSITION_COMMANDED).FixValue(context, self._command)
-        station.GetInputPort(ports.TORQUE_COMMANDED).FixValue(context, self._torque)
+        torque = self._torque + self.borne.torque(self._command, self.time)
+        station.GetInputPort(ports.TORQUE_COMMANDED).FixValue(context, torque)
         station.GetInputPort(ports.GRIPPER_COMMANDED).FixValue(context, self._fingers.at(self._opened))
         station.GetInputPort(ports.GRIPPER_FORCE_LIMIT).FixValue(context, [self._force])
 
@@ -264,7 +266,7 @@ class Cell:
             times: (M,) from now, ascending [s].
             q: (M, n) [rad].
             at: called after each tick with the time since the begin [s].
-            torque: (M, n) that the driver adds to its own [N·m]; None: nothing. Afterwards it adds nothing any more.
+            torque: (M, n) that the driver adds to its own and to what is borne [N·m], for this once; None: nothing.
         """
         begin, tick = self.time, TUNING.weighed_tick if self._recording is not None else TUNING.tick
         added = np.zeros_like(q) if torque is None else torque
@@ -309,6 +311,8 @@ class Cell:
         """
         if opened == 0.0:
             self.shut_at = self._command.copy()
+        else:
+            self.borne.tell(None, self.time)
         self._opened = opened
         self._force = self._force if force is None else force
         self.wait(seconds)
@@ -373,7 +377,7 @@ class Cell:
         self._context.SetTime(float(kept["frame"][1]))
         self._plant.SetPositions(context, kept["positions"])
         self._plant.SetVelocities(context, np.zeros(self._plant.num_velocities()))
-        self._command, self._frame = kept["command"].copy(), int(kept["frame"][0])
+        self._command, self._frame, self.borne = kept["command"].copy(), int(kept["frame"][0]), Borne()
         self._ahead = np.zeros(1), self._command[None], np.zeros_like(self._command)[None], 0.0
         self._opened, self._force = float(kept["fingers"][0]), float(kept["fingers"][1])
         driver = self._station.GetSubsystemByName("arm_driver")

@@ -69,11 +69,9 @@ def draw_bin(base: Scenario, seed: int, count: int) -> Scenario:
     Raises:
         ScenarioError: nothing is learned there.
     """
-    if base.twin.learning is None:
-        raise ScenarioError("twin.learning", "is missing: it tells the bin that is filled with objects")
+    low, high = filled_bin(base)
     scenario, rng = copy_scenario(base), np.random.default_rng([922, seed])
     scenario.seed = seed
-    low, high = (np.array(corner) for corner in base.twin.learning.from_bin)
     scenario.world.objects = {}
     lying: list[Lying] = []
     kinds = rng.permutation(np.resize(TUNING.kinds, max(count, len(TUNING.kinds))))[:count]
@@ -82,6 +80,18 @@ def draw_bin(base: Scenario, seed: int, count: int) -> Scenario:
         place = _place(asset, low, high, lying, rng)
         scenario.world.objects[f"thing_{number}"] = drawn_object(str(kind), asset, place, rng)
     return scenario
+
+
+def filled_bin(base: Scenario) -> tuple[Array, Array]:
+    """Return the lowest and the highest corner (3,) of the inside of the bin that objects are drawn into, in W [m].
+
+    Raises:
+        ScenarioError: nothing is learned there.
+    """
+    if base.twin.learning is None:
+        raise ScenarioError("twin.learning", "is missing: it tells the bin that is filled with objects")
+    low, high = (np.array(corner) for corner in base.twin.learning.from_bin)
+    return low, high
 
 
 def drawn_object(kind: str, asset: Asset, place: tuple[Array, list[float]], rng: np.random.Generator) -> WorldObject:

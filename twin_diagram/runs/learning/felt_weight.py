@@ -16,6 +16,7 @@ from pydrake.math import RigidTransform
 
 from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.model.model import Model
+from twin_diagram.runs.learning.bearing import holding
 from twin_diagram.runs.learning.cell import Cell
 from twin_diagram.signals.arrays import Array
 
@@ -33,6 +34,12 @@ class Tuning:
     ripple: float = 0.02
     """Of a torque beside its white noise, one and the same along a turn [N·m]: what cables do, and what the arm's own
     weight is off by. With 1 kg that is 3 mm; with 0.1 kg hardly anything is told."""
+
+    heaviest: float = 2.5
+    """What a weighing at rest may say at most [kg]."""
+
+    rest: float = 0.3
+    """That it takes [s]."""
 
 
 TUNING = Tuning()
@@ -77,6 +84,35 @@ class Centre:
         """Return what points (N, 3) of a surface alone say: about in their middle."""
         low, high = points.min(axis=0), points.max(axis=0)
         return Centre(0.5 * (low + high), np.diag(np.maximum(TUNING.off * (high - low), 1e-4) ** 2))
+
+
+def first_mass(model: Model, cell: Cell) -> float:
+    """Return about how heavy what is held is, by the torques of the arm at rest [kg].
+
+    All joints' torques beyond the arm's own, over the levers at which the tool hangs: what is held hangs near it.
+    """
+    q = cell.q
+    with cell.recording() as messages:
+        cell.wait(TUNING.rest)
+    taken = np.mean(np.array(messages.torque), axis=0)
+    own = model.inverse_dynamics(q[None], np.zeros((1, len(q))), np.zeros((1, len(q))))[0]
+    J = np.asarray(model.tool_jacobian(q))[3:]  # linear, in W
+    lever = -9.81 * J[2]  # torque of gravity on a kilogram at the tool
+    off = own - taken
+    return float(np.clip(lever @ off / max(float(lever @ lever), 1e-9), 0.05, TUNING.heaviest))
+
+
+def bear(model: Model, driven: Model, cell: Cell, points_T: Array) -> None:
+    """Weigh what was just taken at rest, and have the driver bear it from here on.
+
+    Args:
+        model: of the arm as its torques are measured.
+        driven: of it with its rotors, as its motors drive it.
+        cell: whose hand holds it.
+        points_T: (N, 3) of it in the tool's frame [m]: its weight is taken to be in the middle of the box about them.
+    """
+    middle = 0.5 * (points_T.min(axis=0) + points_T.max(axis=0))
+    cell.borne.tell(holding(driven, first_mass(model, cell), middle), cell.time)
 
 
 def centre_felt(model: Model, felt: Felt, mass: float, X_TS: Array, before: Centre) -> Centre:

@@ -15,6 +15,7 @@ from twin_diagram.logs.frames.transforms_folder import write_transforms
 from twin_diagram.model.model import Model
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.planning.grasps import Gripper
+from twin_diagram.runs.learning.bearing import holding
 from twin_diagram.runs.learning.beside_bin import (
     lying,
     over_platform,
@@ -30,7 +31,7 @@ from twin_diagram.runs.learning.cell import RELEASE, Cell, Picture
 from twin_diagram.runs.learning.choosing import Choice
 from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, posed_frames, tilts_of, well_followed
 from twin_diagram.runs.learning.display import display
-from twin_diagram.runs.learning.felt_weight import Centre, Felt, centre_felt
+from twin_diagram.runs.learning.felt_weight import Centre, Felt, bear, centre_felt, first_mass
 from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew
 from twin_diagram.runs.learning.in_the_way import why_barred
 from twin_diagram.runs.learning.looking_about import LyingAbout, look_about
@@ -43,7 +44,6 @@ from twin_diagram.runs.learning.regrasping import TUNING as REGRASPING
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
 from twin_diagram.runs.learning.steady_picture import refuse_blind, resting_picture
-from twin_diagram.runs.learning.weighing import first_mass
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
 
@@ -157,8 +157,15 @@ def pick(
         return Picked(thing, why="the fingers held nothing", failed=reach.X_WT)
     lift_over(tools.mover, tools.cell, taken, thing.points, high)
     stand_about(tools.mover, tools.learning, others)
-    tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
+    take_up(tools, thing, taken)
     return Picked(thing, taken, others=others)
+
+
+def take_up(tools: Tools, thing: SeenThing, taken: Taken) -> None:
+    """Tell planner and driver what was taken, as it lay: ways keep it clear of things, and it is borne."""
+    points_T = (thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3]
+    tools.mover.hold(points_T)
+    bear(tools.model, tools.driven, tools.cell, points_T)
 
 
 def show_first(tools: Tools, picked: Picked) -> ShownObject:
@@ -200,6 +207,8 @@ def feel(tools: Tools, shown: ShownObject, felt: Felt) -> None:
     before = shown.centre or Centre.within(shown.followed.points)
     X_TS = np.asarray(np.linalg.inv(shown.X_ST[-1]), dtype=float)
     shown.centre = centre_felt(tools.model, felt, shown.mass_at_rest, X_TS, before)
+    centre_T = X_TS[:3, :3] @ shown.centre.mean + X_TS[:3, 3]
+    tools.cell.borne.tell(holding(tools.driven, shown.mass_at_rest, centre_T), tools.cell.time)
 
 
 def look_over(tools: Tools, shown: ShownObject) -> None:
@@ -274,6 +283,7 @@ def _show_held(tools: Tools, shown: ShownObject, X_ST: Array, R_WS: Array) -> No
     shown.openings.append(tools.cell.apart)
     shown.R_WT = R_WS @ X_ST[:3, :3]
     hold_seen(tools, shown)
+    bear(tools.model, tools.driven, tools.cell, in_tool(shown))
     assert shown.seen is not None
     p_WC = shown.followed.shown[-1].picture.camera.p_WC
     felt, hand = Felt(), Boxes(X_ST, *tools.gripper.boxes(tools.cell.apart))

@@ -25,7 +25,8 @@ from twin_diagram.runs.learning.motion import NoWay, pointing, pose
 from twin_diagram.runs.learning.nudges import Nudge, nudges_of
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import go, lift
-from twin_diagram.runs.learning.pressing import pressed
+from twin_diagram.runs.learning.pressing import TUNING as PRESSING
+from twin_diagram.runs.learning.pressing import begun_at, pressed
 from twin_diagram.signals.arrays import Array
 
 
@@ -41,9 +42,6 @@ class Tuning:
 
     before: float = 0.02
     """Of its side, the fingers come down [m]."""
-
-    above: float = 0.15
-    """Height from which they come straight down [m]."""
 
     step: float = 0.004
     """Between points of the way [m]: with `pressing`'s ticks 7 cm/s."""
@@ -119,7 +117,7 @@ def plan_nudge(tools: Tools, thing: SeenThing, picture: Picture) -> Nudging | No
             if not is_clear(poses, gripper, barred, thing.points):
                 continue
             for turn in (1.0, -1.0):
-                begun = _begun(tools, poses * np.array([turn, turn, 1.0, 1.0]))
+                begun = begun_at(tools, poses * np.array([turn, turn, 1.0, 1.0]), PICKING.grazing)
                 if begun is not None:
                     return Nudging(nudge, tip, turn, *begun)
     return None
@@ -141,7 +139,7 @@ def is_clear(poses: Array, gripper: Gripper, barred: Array, own: Array) -> bool:
         barred: (N, 3) points that the hand keeps clear of [m].
         own: (K, 3) of the thing, which fingers come down beside and the palm stays above [m].
     """
-    shut, drawn_out = gripper.boxes(gripper.opening_least), gripper.boxes(gripper.opening_least, TUNING.above)
+    shut, drawn_out = gripper.boxes(gripper.opening_least), gripper.boxes(gripper.opening_least, PRESSING.above)
     first, pressing = Boxes(poses[0], *drawn_out), poses[0].copy()
     pressing[:3, 3] += (poses[-1] - poses[0])[:3, 3] * (TUNING.before / np.linalg.norm((poses[-1] - poses[0])[:3, 3]))
     palm = shut[0][-1:], shut[1][-1:]
@@ -150,20 +148,6 @@ def is_clear(poses: Array, gripper: Gripper, barred: Array, own: Array) -> bool:
         or Boxes(pressing, *palm).hold(own).any()
         or any(Boxes(X, *shut).hold(barred).any() for X in poses)
     )
-
-
-def _begun(tools: Tools, poses: Array) -> tuple[Array, Array] | None:
-    """Return a way to above the first of some poses (M, 4, 4), and the line down to it; None: not all are reached."""
-    mover, q = tools.mover, tools.cell.commanded
-    above = poses[0].copy()
-    above[2, 3] += TUNING.above
-    for q_above in mover.goals(above, q)[:3]:
-        with contextlib.suppress(NoWay):
-            down = mover.line(q_above, poses[0], PICKING.grazing)
-            along = mover.through(down[-1], list(poses[1:]))
-            if mover.free(along, PICKING.grazing, standing=False).all():
-                return mover.path(q, down[:1]), down
-    return None
 
 
 def nudge_off(tools: Tools, plan: Nudging) -> str:

@@ -1,12 +1,14 @@
-"""Goes with shut fingers from place to place and feels by the arm's torques how hard they press."""
+"""Goes with shut fingers to where a push begins, and on from place to place; torques tell how hard they press."""
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin_diagram.runs.learning.handling import Tools
+from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.signals.arrays import Array
 
 
@@ -14,11 +16,34 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
+    above: float = 0.15
+    """Height over where a push begins from which fingers come straight down [m]."""
+
     tick: float = 0.06
     """From one place to the next [s]."""
 
 
 TUNING = Tuning()
+
+
+def begun_at(tools: Tools, poses: Array, clearance: float | None = None) -> tuple[Array, Array] | None:
+    """Return how a push begins: a way (W, n) to above it, and the line (M, n) down to it [rad]; None: not reached.
+
+    Args:
+        tools: of the cell; the hand is empty.
+        poses: (M, 4, 4) of the tool on its way; all are to be reached.
+        clearance: kept from fixtures all along [m]; None: none, as a push ends at a wall.
+    """
+    mover, q = tools.mover, tools.cell.commanded
+    above = poses[0].copy()
+    above[2, 3] += TUNING.above
+    for q_above in mover.goals(above, q)[:3]:
+        with contextlib.suppress(NoWay):
+            down = mover.line(q_above, poses[0], clearance)
+            along = mover.through(down[-1], list(poses[1:]))
+            if clearance is None or mover.free(along, clearance, standing=False).all():
+                return mover.path(q, down[:1]), down
+    return None
 
 
 def pressed(tools: Tools, X_WT: Array, longer: float = 1.0) -> Array:

@@ -13,7 +13,7 @@ from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.display import NothingHeld
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.handling import TUNING as HANDLING
-from twin_diagram.runs.learning.handling import Tools, go_home, let_go, put_away, walls_about
+from twin_diagram.runs.learning.handling import Tools, go_home, let_go, put_away, take_up, walls_about
 from twin_diagram.runs.learning.looking_about import LyingAbout, look_about
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import Taken, reach_of, take
@@ -100,7 +100,7 @@ def _take_fallen(tools: Tools, thing: SeenThing, support: float, attempt: int) -
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return None, "the fingers held nothing"
-    tools.mover.hold((thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3])
+    take_up(tools, thing, taken)
     return taken, ""
 
 

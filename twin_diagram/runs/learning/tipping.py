@@ -23,7 +23,8 @@ from twin_diagram.runs.learning.in_the_way import in_the_way
 from twin_diagram.runs.learning.motion import NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import go, lift
-from twin_diagram.runs.learning.pressing import pressed
+from twin_diagram.runs.learning.pressing import TUNING as PRESSING
+from twin_diagram.runs.learning.pressing import begun_at, pressed
 from twin_diagram.signals.arrays import Array
 
 
@@ -40,9 +41,6 @@ class Tuning:
 
     deepest: float = 0.06
     """By which at the most they are told to go into it [m]."""
-
-    above: float = 0.15
-    """Height from which they come straight down [m]."""
 
     after: float = 0.02
     """By which it is pushed on then [m]."""
@@ -113,22 +111,9 @@ def plan_tipping(tools: Tools, thing: SeenThing, picture: Picture) -> Tipping | 
         if not is_clear(flat, poses, tools.gripper, barred, others):
             continue
         for turn in (1.0, -1.0):
-            begun = _begun(tools, poses * np.array([turn, turn, 1.0, 1.0]))
+            begun = begun_at(tools, poses * np.array([turn, turn, 1.0, 1.0]))
             if begun is not None:
                 return Tipping(flat, thing.middle, turn, *begun, there, raised)
-    return None
-
-
-def _begun(tools: Tools, poses: Array) -> tuple[Array, Array] | None:
-    """Return a way to above the first of some poses (M, 4, 4), and the line down to it; None: not all are reached."""
-    mover, q = tools.mover, tools.cell.commanded
-    above = poses[0].copy()
-    above[2, 3] += TUNING.above
-    for q_above in mover.goals(above, q)[:3]:
-        with contextlib.suppress(NoWay):
-            down = mover.line(q_above, poses[0])
-            mover.through(down[-1], list(poses[1:]))
-            return mover.path(q, down[:1]), down
     return None
 
 
@@ -199,7 +184,7 @@ def is_clear(flat: FlatThing, poses: Array, gripper: Gripper, barred: Array, oth
     if ((s > flat.far) & (np.abs(left - flat.middle) < 0.5 * flat.length)).any():
         return False
     shut = gripper.boxes(gripper.opening_least)
-    drawn_out = gripper.boxes(gripper.opening_least, TUNING.above)
+    drawn_out = gripper.boxes(gripper.opening_least, PRESSING.above)
     return not (
         Boxes(poses[0], *drawn_out).hold(barred).any() or any(Boxes(X, *shut).hold(barred).any() for X in poses)
     )
