@@ -100,3 +100,30 @@ def test_what_is_held_is_lifted_though_no_straight_way_up_is_within_the_limits()
     assert moved[:, 2].max() > 0.035
     aside = np.linalg.norm(moved[: np.argmax(moved[:, 2] > 0.03), :2], axis=1).max()
     assert aside < 0.015
+
+
+def crowded(seed: int) -> tuple[Array, Array]:
+    """Return tracks of three boxes about a goal above the table, and the goal (7,)."""
+    rng, tracks = np.random.default_rng(seed), np.zeros((len(bench.NAMES), TRACK_SIZE))
+    there = np.array([rng.uniform(0.38, 0.6), rng.uniform(0.1, 0.35) * rng.choice([-1, 1]), rng.uniform(0.1, 0.16)])
+    yaw = rng.uniform(-1.57, 1.57)
+    for k, name in enumerate(bench.NAMES):
+        if name in ("cracker_box", "sugar_box", "mover"):
+            bearing, away = rng.uniform(0.0, 6.28), rng.uniform(0.12, 0.2)
+            p = [*(there + away * np.array([np.cos(bearing), np.sin(bearing), 0.0]))[:2], 0.09 + 0.015 * (k == 0)]
+            turn = rng.uniform(0.0, 3.14)
+            pose = np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2), *p])
+            tracks[k] = Track(ObjectStatus.TRACKED, 0.0, pose, np.zeros(6), 1e-8 * np.eye(6)).pack()
+    return tracks.ravel(), np.array([0.0, np.cos(yaw / 2), np.sin(yaw / 2), 0.0, *there])
+
+
+@pytest.mark.parametrize("seed", [7, 10, 61])
+def test_an_arm_that_knows_a_way_does_not_stand_before_it(planner: MotionPlanner, seed: int) -> None:
+    """About where it stood, boxes barred the way around them, too: it stood 20, 27 and 62 cm from its goal for ever."""
+    tracks, goal = crowded(seed)
+    q = run(planner, [(110, goal)], tracks, bench.HOME)
+    assert np.linalg.norm(tool(planner.scene, q[-1]) - goal[4:]) < 0.01
+    clear = planner.scene.clearance.distances(
+        q, planner.scene.around(Forecast.of_tracks(tracks), np.zeros(len(q))), 0.3
+    )
+    assert clear.min() > 0.0

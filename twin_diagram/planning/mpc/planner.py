@@ -215,14 +215,16 @@ class MotionPlanner:
         line, waits = route.aim is Aim.LINE, route.aim is Aim.NOTHING
         reference = np.repeat(stop[None], len(samples), axis=0) if waits else way.at(samples + TUNING.ahead)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
-        if line or (route.to_goal and _stands(guess, reference)):
+        if (stands := route.to_goal and _stands(guess, reference)) or line:
             near = self.scene.clearance.distances(reference, around, float(margins.max()) + MARGINS.kept, own=False)
             margins = as_near_as(near, margins, situation, lagging=line)
         out = way_out(self.scene, self.router.lifted, situation, self.limits.velocity)
         if out is not None:
             reference, margins = out.at(samples), without(margins, proved_wrong(situation))
         torque = self._torque(memory, now, arm)
-        outcome = self.optimiser.solve(now, q0, v0, a0, guess, reference, around, margins, fallback, torque)
+        tries = stands and out is None and memory.tick % self._every == 0
+        solve = self.optimiser.solve_moving_on if tries else self.optimiser.solve
+        outcome = solve(now, q0, v0, a0, guess, reference, around, margins, fallback, torque)
         plan = replace(outcome.trajectory, q0=outcome.trajectory.q0 + memory.offset)
         memory = replace(memory, tick=memory.tick + 1, checked=now if outcome.solved else memory.checked)
         return replace(memory, trajectory=plan), Report(route.aim, outcome.violation, outcome.solved, reanchored)

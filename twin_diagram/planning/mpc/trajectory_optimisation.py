@@ -202,6 +202,33 @@ class Optimiser:
         plan = Trajectory(start, self.step, q0, v0, np.vstack([a0, inner, 0.0 * a0]))
         return Optimum(plan, violation, solved)
 
+    def solve_moving_on(
+        self,
+        start: float,
+        q0: Array,
+        v0: Array,
+        a0: Array,
+        guess: Array,
+        reference: Array,
+        around: Surroundings,
+        margins: Array,
+        fallback: Trajectory,
+        torque: TorqueBounds | None = None,
+    ) -> Optimum:
+        """Optimise as `solve` does, with a guess that stands though the reference leads on.
+
+        About where it stands, what is before the arm bars the way around it, too. Where the plan is clear of all and
+        one about the reference is, it is that one.
+        """
+        standing = self.solve(start, q0, v0, a0, guess, reference, around, margins, fallback, torque)
+        if not self._is_clear(standing):
+            return standing
+        going = self.solve(start, q0, v0, a0, reference, reference, around, margins, fallback, torque)
+        return going if self._is_clear(going) else standing
+
+    def _is_clear(self, found: Optimum) -> bool:
+        return found.solved and found.violation <= self.tuning.worse
+
     def _begin(
         self, guess: Array, reference: Array, around: Surroundings, margins: Array
     ) -> tuple[Array, Contacts, float]:
