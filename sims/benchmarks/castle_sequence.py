@@ -8,7 +8,6 @@ The pose in the first frame is given. The tracker that the sequence was made for
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import tempfile
 import time
@@ -20,29 +19,29 @@ SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 from pose_truth import castle  # noqa: E402
+from real_data import need  # noqa: E402
 
 from twin_diagram.assets.description import read_spec  # noqa: E402
 from twin_diagram.cli import main as twin_diagram  # noqa: E402
-
-DATA = Path(os.environ.get("TWIN_DIAGRAM_DATA", SIMS.parents[2] / "shared" / "data")) / "castle_sequence"
 
 
 def main() -> int:
     """Track and print; 1 where a frame is outside."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    data = need("castle_sequence")
     with tempfile.TemporaryDirectory() as place:
         out = Path(place)
-        castle.write_mesh(DATA, out / "castle.obj")
-        castle.write_frames(DATA, out / "frames")
+        castle.write_mesh(data, out / "castle.obj")
+        castle.write_frames(data, out / "frames")
         library = ["--library", str(out / "library")]
         assert twin_diagram(["assets", "build", str(out / "castle.obj"), "--name", "castle", *library]) == 0
         origin = np.array(read_spec(out / "library" / "castle").origin)
-        castle.write_first(DATA, out / "first.csv", origin)
+        castle.write_first(data, out / "first.csv", origin)
         given = ["--frames", str(out / "frames"), "--init", str(out / "first.csv"), "--out", str(out / "run")]
         begin = time.process_time()
         assert twin_diagram(["track", *library, *given]) == 0
         spent = time.process_time() - begin
-        found = castle.score(DATA, out / "run" / "poses.csv", origin)
+        found = castle.score(data, out / "run" / "poses.csv", origin)
     for frame, apart, turned in zip(found.frames, found.millimetres, found.degrees, strict=True):
         print(f"{frame:3d} {apart:6.2f} mm {turned:6.2f}°")
     inside = (found.millimetres < 2.0) & (found.degrees < 0.4)

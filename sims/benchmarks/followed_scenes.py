@@ -29,7 +29,7 @@ sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 import result_lines  # noqa: E402
 from pose_truth import spoil  # noqa: E402
-from registration_peers import DATA  # noqa: E402
+from real_data import DATA, need  # noqa: E402
 from scene_truth import library, tallies  # noqa: E402
 from scene_truth.film import film  # noqa: E402
 from scene_truth.script import drawn  # noqa: E402
@@ -94,6 +94,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/followed_scenes"))
     parser.add_argument("--verbose", action="store_true", help="print each mistake")
     args = parser.parse_args()
+    need("ycb")
     out = args.out / result_lines.code()
     for profile in args.profile:
         whole, seconds = tallies.Tally(), []

@@ -11,7 +11,6 @@ points, built and asked for 24 neighbours of each.
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Callable
 from functools import partial
@@ -19,13 +18,13 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from real_data import DATA
 from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
 from twin_diagram.planning.grasps import PANDA_HAND, WSG50, Gripper, KnownObject, grasps_of, read_known
 
 CHECKOUT = Path(__file__).resolve().parents[2]
-DATA = Path(os.environ.get("TWIN_DIAGRAM_DATA", CHECKOUT.parent / "shared" / "data")) / "ycb"
 Made = TypeVar("Made")
 
 
@@ -47,7 +46,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=7, help="0, 1, … of which the median is told")
     seeds = range(parser.parse_args().seeds)
     sources = sorted(path.parent for path in (CHECKOUT / "models" / "objects").glob("*/asset.yaml"))
-    sources += sorted(DATA.glob("*.gltf"))
+    sources += sorted((DATA / "ycb").glob("*.gltf"))
     print(f"{'object':30} {'triangles':>9} {'read':>7} {'tree':>6} | gripper: grasps, median and worst of seeds [ms]")
     medians = []
 

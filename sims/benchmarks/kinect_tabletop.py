@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from tabletop.casting import data_dir
+from real_data import need
 from tabletop.kinect import Scene, touching
 from tabletop.page import write_page
 
@@ -26,9 +26,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/kinect_tabletop"))
     args = parser.parse_args()
-    files = sorted(data_dir().glob("kinect_tabletop/*/*.pcd"))
-    if not files:
-        parser.error(f"no kinect_tabletop/*/*.pcd in {data_dir()}")
+    files = sorted(need("kinect_tabletop").glob("*/*.pcd"))
     all_, apart, failures = [], [], []
     print(f"{'scene':12s} {'table off [mm]':>14s} {'mean IoU':>8s}  each thing (* touches another)")
     for file in files:

@@ -29,7 +29,7 @@ sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 from pose_truth import raycast, spoil  # noqa: E402
 from pose_truth.things import GREY, ROUND, YCB, Thing, thing  # noqa: E402
-from registration_peers import DATA  # noqa: E402
+from real_data import DATA, need  # noqa: E402
 from rendered_views import Picture, write_scene  # noqa: E402
 from scene_truth import library  # noqa: E402
 from scene_truth.film import _seen  # noqa: E402
@@ -187,6 +187,7 @@ def main() -> None:
     parser.add_argument("--without-rgb", action="store_true", help="the frames have no colours")
     parser.add_argument("--out", type=Path, default=Path("out/painted_otherwise"), help="keeps the assets")
     args = parser.parse_args()
+    need("ycb")
     whole: Counter[str] = Counter()
     for seed in range(args.first, args.first + args.count):
         rng = np.random.default_rng([seed, 777])

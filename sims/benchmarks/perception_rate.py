@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 from pose_truth import eight, spoil
-from registration_peers import DATA
+from real_data import DATA, need
 from threadpoolctl import threadpool_limits
 
 from twin_diagram import scenario
@@ -32,6 +32,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
+    need("ycb")
     rng = np.random.default_rng(args.seed)
     scene = eight.Scene.drawn(DATA, args.profile, rng)
     settings, perception = scenario.Registration(), scenario.Perception(workspace=eight.WORKSPACE)

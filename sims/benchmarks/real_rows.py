@@ -23,6 +23,7 @@ from pathlib import Path
 SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
+from real_data import need  # noqa: E402
 from real_references import rows, table  # noqa: E402
 
 
@@ -38,9 +39,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--out", type=Path, default=Path("out/real_rows"), help="folder (default: %(default)s)")
     given = parser.parse_args(arguments)
-    if not rows.data_folder().is_dir():
-        print(f"{rows.data_folder()}: no measured logs there; set TWIN_DIAGRAM_DATA", file=sys.stderr)
-        return 2
+    for folder in sorted({row.model.split("/")[0] for row in rows.chosen(given.only, given.short)}):
+        need(folder)
     given.out.mkdir(parents=True, exist_ok=True)
     with (given.out / "rows.jsonl").open("a", encoding="utf-8") as file:
         for row in rows.chosen(given.only, given.short):

@@ -12,7 +12,6 @@ decide: such trials are counted, and the share inside of the others is given apa
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from pathlib import Path
@@ -24,9 +23,7 @@ sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 from pose_truth import spoil, things, trials  # noqa: E402
 from pose_truth.methods import ALLOWED, METHODS  # noqa: E402
-
-DATA = Path(os.environ.get("TWIN_DIAGRAM_DATA", SIMS.parents[2] / "shared" / "data"))
-
+from real_data import DATA, need  # noqa: E402
 
 HELD = 3.75
 """Truth is among the hypotheses where one of them is no farther off: 22.5 of 6 degrees of freedom, χ² of 0.999."""
@@ -94,6 +91,8 @@ def main() -> int:
     parser.add_argument("--method", action="append", choices=METHODS)
     args = parser.parse_args()
     plain = [*things.YCB, "mug", "can"]
+    if any(one.removeprefix("grey_") in things.YCB for one in args.thing or plain):
+        need("ycb")
     for name in args.thing or [*plain, *(f"grey_{one}" for one in plain)]:
         for profile in args.profile or spoil.PROFILES[:3]:
             for hidden in args.hidden or (0.0, 0.4):

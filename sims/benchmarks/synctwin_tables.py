@@ -39,9 +39,9 @@ SIMS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SIMS), str(SIMS.parents[1])]
 
 from pose_truth.things import thing  # noqa: E402
+from real_data import DATA, need  # noqa: E402
 from result_lines import append, read  # noqa: E402
 from synctwin_truth import avoidance, half_hidden, motions, stage_one, table_one, table_three_rows, table_two_rows  # noqa: E402
-from tabletop.casting import data_dir  # noqa: E402
 
 from twin_diagram.runs.tracking.track_frames import track_frames  # noqa: E402
 
@@ -63,10 +63,10 @@ ASSET_SEEDS = 3
 def run_one(out: Path, name: str, profile: str, wrong: bool, hidden: bool, seed: int, views: int) -> dict[str, Any]:
     """Build the asset, if need be, film a sequence, track it and return its scores."""
     library = out / "assets" / f"{profile}{'c' if wrong else ''}_{views}" / str(seed % ASSET_SEEDS) / name
-    stage_one.built(library, name, profile, views, seed % ASSET_SEEDS, wrong, data_dir())
+    stage_one.built(library, name, profile, views, seed % ASSET_SEEDS, wrong, DATA)
     with tempfile.TemporaryDirectory() as aside:
         scene, found = Path(aside) / "scene", Path(aside) / "tracked"
-        true = thing(stage_one.THINGS[name], data_dir())
+        true = thing(stage_one.THINGS[name], DATA)
         stops, shares = motions.film(scene, true, profile, hidden, wrong, seed)
         begin = time.process_time()
         track_frames(library, scene, found, say=lambda text: None)
@@ -125,6 +125,7 @@ def main() -> None:
     if args.table != "I":
         (table_two_rows if args.table == "II" else table_three_rows).main(args)
         return
+    need("ycb")
     count, views = (1, 10) if args.quick else (args.count, args.views)
     args.out.mkdir(parents=True, exist_ok=True)
     file = args.out / "trials.jsonl"

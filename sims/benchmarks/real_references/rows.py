@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,12 +74,6 @@ SHORT_ROWS = (
     Row("kr300-4-9", ROWS[0].model, *KR300_RUNS, (4.0, 9.0), scale=KR300_GEARS, told=False),
 )
 """Fits of a few seconds, held out on other motion. From 5 to 11 s two joints of the LWR4+ never turn."""
-
-
-def data_folder() -> Path:
-    """The folder of the measured logs: `$TWIN_DIAGRAM_DATA`, or `../shared/data` beside the checkout."""
-    given = os.environ.get("TWIN_DIAGRAM_DATA")
-    return Path(given) if given else Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
 def cut(path: Path, span: Span, out: Path) -> Path:

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from real_data import DATA
 
 from real_references import least_squares
 from real_references.regression import equations
-from real_references.rows import LWR_RUNS, Row, cut, data_folder
+from real_references.rows import LWR_RUNS, Row, cut
 from twin_diagram.logs import read_log
 from twin_diagram.model.prediction import load_model_for, torque_residual
 from twin_diagram.signals.arrays import Array
@@ -26,7 +27,7 @@ LONGEST = 1800.0
 def references(row: Row, folder: Path) -> dict[str, Array]:
     """(n,) held-out residuals of the description and of what two estimators make of the fit log."""
     fit, held = logs(row, folder)
-    model = data_folder() / row.model
+    model = DATA / row.model
     seen, unseen = equations(model, fit, row.side), equations(model, held, row.side)
     scale = np.array(row.scale) if row.scale else 1.0
     result = {"description": unseen.before / scale, "classical": unseen.left(least_squares.classical(seen)) / scale}
@@ -38,14 +39,14 @@ def references(row: Row, folder: Path) -> dict[str, Array]:
 def logs(row: Row, folder: Path) -> tuple[Path, Path]:
     """The fit and the held-out log of a row; what is cut is written to a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    fit = cut(data_folder() / row.fit, row.fit_span, folder / "fit.csv")
-    return fit, cut(data_folder() / row.holdout, row.holdout_span, folder / "holdout.csv")
+    fit = cut(DATA / row.fit, row.fit_span, folder / "fit.csv")
+    return fit, cut(DATA / row.holdout, row.holdout_span, folder / "holdout.csv")
 
 
 def run_gap(row: Row, folder: Path, sided: bool) -> dict[str, Any]:
     """What `twin-diagram gap` says of a row, as any user would call it, with its processor seconds."""
     fit, held = logs(row, folder)
-    command = [sys.executable, "-m", "twin_diagram", "gap", "--model", str(data_folder() / row.model)]
+    command = [sys.executable, "-m", "twin_diagram", "gap", "--model", str(DATA / row.model)]
     command += ["--fit", str(fit), "--holdout", str(held), "--out", str(folder / "gap")]
     command += ["--torque-side", row.side] if sided else []
     root = str(Path(__file__).resolve().parents[3])
@@ -74,7 +75,7 @@ def agreement_text(out: Path) -> str:
     folders = [out / name / "gap" / "model" for name in ("lwr4", "lwr4-published")]
     if not all(folder.is_dir() for folder in folders):
         return ""
-    apart, left = agreement(*folders, data_folder() / LWR_RUNS[1])
+    apart, left = agreement(*folders, DATA / LWR_RUNS[1])
     share = apart / left
     return "\n".join(
         [

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import trimesh
+from real_data import DATA
 
 from twin_diagram.assets import Asset
 from twin_diagram.native import import_open3d
@@ -19,12 +18,6 @@ from twin_diagram.scenario.resources import models_dir
 
 o3d = import_open3d()
 Array = npt.NDArray[np.float64]
-
-
-def data_dir() -> Path:
-    """Return the folder of the published data."""
-    told = os.environ.get("TWIN_DIAGRAM_DATA")
-    return Path(told) if told else Path(__file__).parents[4] / "shared" / "data"
 
 
 def meshes() -> dict[str, trimesh.Trimesh]:
@@ -39,7 +32,7 @@ def meshes() -> dict[str, trimesh.Trimesh]:
     }
     for name in ("mug", "bottle"):
         found[name] = _of_hulls(list(Asset.load(models_dir() / "objects" / name).convex_pieces))
-    for file in sorted((data_dir() / "ycb").glob("*_textured.gltf")):
+    for file in sorted((DATA / "ycb").glob("*_textured.gltf")):
         one = trimesh.load(file, force="mesh")
         found[file.name.removesuffix("_textured.gltf")] = one.convex_hull
     return {name: _centred(one) for name, one in found.items()}
