@@ -14,7 +14,7 @@ from twin_diagram.planning.collision.collision_scene import Forecast, Scene, loa
 from twin_diagram.planning.mpc.margins import as_near_as, at_samples
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import FRESH, Memory
-from twin_diagram.planning.mpc.trajectory_optimisation import Optimum
+from twin_diagram.planning.mpc.trajectory_optimisation import Optimum, Problem
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.planning.paths.guide import Answer, Question
 from twin_diagram.planning.paths.route import Aim, Route, Situation
@@ -69,10 +69,9 @@ class Spied:
             def works(_) -> bool:
                 return self.works
 
-        def solve(*arguments: Any) -> Optimum:
-            names = "start q0 v0 a0 guess reference around margins fallback torque"
-            self.asked = dict(zip(names.split(), arguments, strict=True))
-            return Optimum(self.asked["fallback"], 0.0, True)
+        def solve(problem: Problem, guess: Array) -> Optimum:
+            self.asked = {**problem._asdict(), "guess": guess}
+            return Optimum(problem.fallback, 0.0, True)
 
         self.planner.searcher = Told()
         monkeypatch.setattr(self.planner.router, "decide", decide)

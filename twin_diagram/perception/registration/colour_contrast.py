@@ -49,11 +49,7 @@ def painted_alike(model: ModelCloud, frame: Frame, one: RegisteredPose) -> float
         frame: the image.
         one: the pose.
     """
-    told = _in_place(model, frame, one)
-    if told is None:
-        return 1.0
-    own, shown = (_contrast(tints - weight @ tints / weight.sum(), weight) for tints, weight in told)
-    return 1.0 if own <= VOTES.colour else _as_much(shown, own)
+    return _as_much(_in_place(model, frame, one, less_mean=True), of_none=1.0)
 
 
 def coloured_alike(model: ModelCloud, frame: Frame, one: RegisteredPose) -> float:
@@ -66,21 +62,27 @@ def coloured_alike(model: ModelCloud, frame: Frame, one: RegisteredPose) -> floa
         frame: the image.
         one: the pose.
     """
-    told = _in_place(model, frame, one)
-    if told is None:
-        return 0.0
-    own, shown = (_contrast(tints, weight) for tints, weight in told)
-    return 0.0 if own <= VOTES.colour else _as_much(shown, own)
+    return _as_much(_in_place(model, frame, one, less_mean=False), of_none=0.0)
 
 
-def _as_much(shown: float, own: float) -> float:
-    """Return from 0 to 1 whether a contrast is a model's own, and not a plain thing's."""
+def _as_much(contrasts: tuple[float, float] | None, of_none: float) -> float:
+    """Return from 0 to 1 whether the contrast that an image shows is a model's own, and not a plain thing's.
+
+    Args:
+        contrasts: the model's and the image's; None of too few points.
+        of_none: what is returned of those, and of a model that has no contrast.
+    """
+    if contrasts is None or contrasts[0] <= VOTES.colour:
+        return of_none
     low, high = TUNING.share
-    return float(np.clip((shown / own - low) / (high - low), 0.0, 1.0))
+    return float(np.clip((contrasts[1] / contrasts[0] - low) / (high - low), 0.0, 1.0))
 
 
-def _in_place(model: ModelCloud, frame: Frame, one: RegisteredPose) -> tuple[tuple[Array, Array], ...] | None:
-    """Return the tints (N, 3) of the model and of the image in its place, each with weights (N,); None of too few."""
+def _in_place(model: ModelCloud, frame: Frame, one: RegisteredPose, less_mean: bool) -> tuple[float, float] | None:
+    """Return the sizes of the tints of the model and of the image in its place, or of what they are off their means.
+
+    None where too few points are in place.
+    """
     looked = look(model, frame, Poses(one.R[None], one.p[None]), TUNING.points, FINE)
     if not looked.coloured:
         return None
@@ -91,9 +93,13 @@ def _in_place(model: ModelCloud, frame: Frame, one: RegisteredPose) -> tuple[tup
     if weight.sum() < TUNING.least:
         return None
     both = looked.colour[0], frame.plain_colour_at(looked.u, looked.v, FINE)[0]
-    return tuple((colours - colours.mean(axis=1, keepdims=True), weight) for colours in both)
+    own, shown = (_contrast(colours, weight, less_mean) for colours in both)
+    return own, shown
 
 
-def _contrast(tints: Array, weight: Array) -> float:
-    """Return the size of tints (N, 3), RMS with weights (N,); what is grey, as shade is, has none."""
+def _contrast(colours: Array, weight: Array, less_mean: bool) -> float:
+    """Return the size of the tints of colours (N, 3), RMS with weights (N,); what is grey, as shade is, has none."""
+    tints = colours - colours.mean(axis=1, keepdims=True)
+    if less_mean:
+        tints = tints - weight @ tints / weight.sum()
     return float(np.sqrt(weight @ np.einsum("ni,ni->n", tints, tints) / weight.sum()))

@@ -8,6 +8,7 @@ every program solvable. The last knot is at rest, so that any plan can be carrie
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -68,6 +69,32 @@ class OptimiserTuning:
     """Distances are linearised about the reference where it lacks less than this share of what the last plan lacks."""
     worse: float = 1e-4
     """A plan may lack this much more of the margins than the one before and be taken [m·s]: the solver's noise."""
+
+
+class Problem(NamedTuple):
+    """What one plan is asked for; M samples, B bodies.
+
+    Attributes:
+        start: the plan's first time [s].
+        q0: (n,) position there, kept [rad].
+        v0: (n,) velocity there, kept.
+        a0: (n,) acceleration there, kept.
+        reference: (M, n) where to be at the samples [rad].
+        around: the bodies at the samples.
+        margins: (M, B + 1) distance to keep from each body, and of the arm from itself, at each sample [m].
+        fallback: what to keep to where no program is solved; it starts in the same state.
+        torque: bounds at the knots but the first and last; None: none.
+    """
+
+    start: float
+    q0: Array
+    v0: Array
+    a0: Array
+    reference: Array
+    around: Surroundings
+    margins: Array
+    fallback: Trajectory
+    torque: TorqueBounds | None = None
 
 
 @dataclass(frozen=True)
@@ -143,39 +170,20 @@ class Optimiser:
         self._limited = Rows.of_joints(limited, np.zeros((len(limited), n)), np.zeros((len(limited), n)))
         self._program = MotionProgram(price, self._V[-1], t.slack * self.fading, t.slack_square * self.fading)
 
-    def solve(
-        self,
-        start: float,
-        q0: Array,
-        v0: Array,
-        a0: Array,
-        guess: Array,
-        reference: Array,
-        around: Surroundings,
-        margins: Array,
-        fallback: Trajectory,
-        torque: TorqueBounds | None = None,
-    ) -> Optimum:
-        """Optimise one plan; M samples, B bodies.
+    def solve(self, problem: Problem, guess: Array) -> Optimum:
+        """Optimise one plan.
 
         Args:
-            start: the plan's first time [s].
-            q0: (n,) position there, kept [rad].
-            v0: (n,) velocity there, kept.
-            a0: (n,) acceleration there, kept.
+            problem: what is asked.
             guess: (M, n) positions at the samples, to linearise about unless the reference keeps clear of more.
-            reference: (M, n) where to be at the samples [rad].
-            around: the bodies at the samples.
-            margins: (M, B + 1) distance to keep from each body, and of the arm from itself, at each sample [m].
-            fallback: what to keep to where no program is solved; it starts in the same state.
-            torque: bounds at the knots but the first and last; None: none.
 
         Returns:
             The better, by violation, of what was found and the fallback.
         """
-        base, base_velocity = self._coasting(q0, v0, a0)
+        a0, reference, around, margins = problem.a0, problem.reference, problem.around, problem.margins
+        base, base_velocity = self._coasting(problem.q0, problem.v0, a0)
         about, contacts, kept = self._begin(guess, reference, around, margins)
-        inner, present, solved, change = None, about, True, np.inf
+        inner, present, solved, change, torque = None, about, True, np.inf, problem.torque
         for iteration in range(self.tuning.iterations):
             contacts = self._contacts(present, around, margins) if iteration else contacts
             torque = self._torque_about(torque, present, base_velocity, inner)
@@ -190,40 +198,29 @@ class Optimiser:
             if change < self.tuning.settled:
                 break
         if inner is None:
-            return Optimum(fallback, kept, solved)
+            return Optimum(problem.fallback, kept, solved)
         if change < self.tuning.settled and iteration == 0:
             violation = self._lacking(self._ahead(contacts, present - about), margins)  # distances are as linearised
         else:
             violation = self.assess(present, around, margins)
         if violation > kept + self.tuning.worse:
-            inner, violation = self._halved(v0, a0, base, (present + guess) / 2, around, margins, kept)
+            inner, violation = self._halved(problem.v0, a0, base, (present + guess) / 2, around, margins, kept)
         if inner is None:
-            return Optimum(fallback, kept, solved)
-        plan = Trajectory(start, self.step, q0, v0, np.vstack([a0, inner, 0.0 * a0]))
+            return Optimum(problem.fallback, kept, solved)
+        knots = np.vstack([a0, inner, 0.0 * a0])
+        plan = Trajectory(problem.start, self.step, problem.q0, problem.v0, knots)
         return Optimum(plan, violation, solved)
 
-    def solve_moving_on(
-        self,
-        start: float,
-        q0: Array,
-        v0: Array,
-        a0: Array,
-        guess: Array,
-        reference: Array,
-        around: Surroundings,
-        margins: Array,
-        fallback: Trajectory,
-        torque: TorqueBounds | None = None,
-    ) -> Optimum:
+    def solve_moving_on(self, problem: Problem, guess: Array) -> Optimum:
         """Optimise as `solve` does, with a guess that stands though the reference leads on.
 
         About where it stands, what is before the arm bars the way around it, too. Where the plan is clear of all and
         one about the reference is, it is that one.
         """
-        standing = self.solve(start, q0, v0, a0, guess, reference, around, margins, fallback, torque)
+        standing = self.solve(problem, guess)
         if not self._is_clear(standing):
             return standing
-        going = self.solve(start, q0, v0, a0, reference, reference, around, margins, fallback, torque)
+        going = self.solve(problem, problem.reference)
         return going if self._is_clear(going) else standing
 
     def _is_clear(self, found: Optimum) -> bool:
