@@ -67,9 +67,11 @@ class Scene:
         monkeypatch.setattr(recognition, "claimed", self.claimed)
         monkeypatch.setattr(recognition, "hangs", lambda frame, points: False)
 
-    def search(self, cloud: Any, frame: Any, points: Array, orientations: Any, params: Any) -> Found | None:
+    def search(
+        self, cloud: Any, frame: Any, points: Array, orientations: Any, params: Any, least: float
+    ) -> Found | None:
         s = int(points[0, 0])
-        assert orientations == [cloud.number] and frame == "frame" and params is PARAMS
+        assert orientations == [cloud.number] and frame == "frame" and params is PARAMS and least == 0.0
         self.searched.append((cloud.number, s, len(points)))
         score = self.scores.get((cloud.number, s))
         place = np.array([float(cloud.number), float(s), 0.0])

@@ -323,7 +323,9 @@ def test_a_vain_search_ends_before_it_is_refined(
     model, frame = library["sugar_box"], Frame.of(segments)
     assert search(model, frame, segments.points_W, resting(model.asset), PARAMS) is None
     assert not asked
-    assert search(library["can"], frame, segments.points_W, resting(library["can"].asset), PARAMS) is not None
+    can = library["can"], frame, segments.points_W, resting(library["can"].asset), PARAMS
+    assert search(*can, least=1.01) is None and not asked
+    assert search(*can) is not None
     assert asked
 
 

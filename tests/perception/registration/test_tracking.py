@@ -141,7 +141,7 @@ def recognised(
             self.name, self.coloured = name, True
             self.hues = hues(np.full((10, 3), 0.5))
 
-    def search(model: Any, frame: Any, points_W: Array, orientations: Any, params: Any) -> Found | None:
+    def search(model: Any, frame: Any, points_W: Array, orientations: Any, params: Any, least: float) -> Found | None:
         at = int(points_W[0, 0])
         score = scores.get((model.name, at))
         return None if score is None else Found(pose(p=np.full(3, float(at))), score, score)

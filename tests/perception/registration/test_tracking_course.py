@@ -14,6 +14,7 @@ from tests.registration_bench import turn
 from twin_diagram import scenario
 from twin_diagram.perception.registration import tracking, where_expected
 from twin_diagram.perception.registration.colour_shift import ALIGNED
+from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_SEARCH
 from twin_diagram.perception.registration.naming import Naming
 from twin_diagram.perception.registration.registration import RegisteredPose
 from twin_diagram.perception.registration.slots import SLOT_SIZE, Slot
@@ -205,7 +206,9 @@ def test_what_is_found_again_keeps_its_odds_if_it_lies_the_same_way_round(
     monkeypatch.setattr(tracking, "unmistaken", asked)
     assert tracking.regain_lost([KNOWN], [own], {}, image.view, np.ones(40, dtype=bool))[0] is other
     found = {0: SimpleNamespace(likeness=9.0, registration=other)}
-    monkeypatch.setattr(tracking, "recognise", lambda *_: found)
+    least: list[float] = []
+    monkeypatch.setattr(tracking, "recognise", lambda *_, **named: least.append(named["least"]) or found)
+    monkeypatch.setattr(tracking, "coarse_score", lambda *_: np.array([0.5]))
     monkeypatch.setattr(tracking, "label_of", lambda segments, own: 0)
     monkeypatch.setattr(tracking, "judged", lambda *_: 1.0)
     monkeypatch.setattr(tracking, "_convincing", lambda *_: True)
@@ -213,6 +216,7 @@ def test_what_is_found_again_keeps_its_odds_if_it_lies_the_same_way_round(
     monkeypatch.setattr(tracking, "claimed", lambda *_: np.arange(40))
     assert tracking.challenger(KNOWN, own, pose(), image.view, np.ones(40, dtype=bool)) is not None
     assert before == [kept, kept]
+    assert least == [0.5 * GLOBAL_SEARCH.hopeless], "what is far less like it than where it was followed"
 
 
 def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,7 @@ from twin_diagram.perception.registration.alternatives import TUNING as ALTERNAT
 from twin_diagram.perception.registration.alternatives import PoseHypothesis, votes
 from twin_diagram.perception.registration.approach import approach, rivals
 from twin_diagram.perception.registration.assessment import assess
+from twin_diagram.perception.registration.colour_shift import TUNING as COLOUR_SHIFT
 from twin_diagram.perception.registration.colour_shift import learnt
 from twin_diagram.perception.registration.data_association import Poses, look
 from twin_diagram.perception.registration.frame import Frame
@@ -185,6 +186,7 @@ def search(
     points_W: Array,
     orientations: list[tuple[Array, float]],
     params: scenario.Registration,
+    least: float = 0.0,
 ) -> Found | None:
     """Look for one object in one segment.
 
@@ -194,6 +196,7 @@ def search(
         points_W: (N, 3) the segment's points.
         orientations: those of `resting` that are tried.
         params: tuning.
+        least: given up where no start has such a `coarse_score` once it is refined coarsely.
 
     Returns:
         The best pose, whatever its score; None where the segment is far too large for the object or nothing fits at
@@ -207,7 +210,7 @@ def search(
     laid = best_as_laid(model, frame, laid, TUNING.first_look, TUNING.looked_again)
     laid = best_as_laid(model, frame, laid, TUNING.coarse_points, TUNING.most_starts)
     sure = TUNING.sure if model.coloured else np.inf
-    return best_of(model, frame, laid, thin, RESTING, params, sure, TUNING.vain)
+    return best_of(model, frame, laid, thin, RESTING, params, sure, max(least, TUNING.vain))
 
 
 def best_as_laid(model: ModelCloud, frame: Frame, laid: Poses, points: int, most: int) -> Poses:
@@ -307,10 +310,7 @@ def best_of(
     A score of `sure` ends it, as one below `least` does before anything was refined exactly: then there is none.
     """
     poses = refine(model, frame, laid, TUNING.coarse_points, TUNING.coarse_iterations, prior, params, coarse_only=True)
-    fit = assess(model, frame, poses, TUNING.coarse_points, COARSE, slack=0.005)
-    score = (
-        fit.likeness * np.minimum(fit.visible_share / TUNING.least_visible, 1.0) * np.minimum(fit.points / 20.0, 1.0)
-    )
+    score = coarse_score(model, frame, poses)
     if score.max() < least:
         return None
     best: Found | None = None
@@ -327,6 +327,14 @@ def best_of(
         return None
     best = replace(best, others=tuple(one for one in tried if one is not best.registration))
     return best if best.score >= sure else with_colours_aligned(model, frame, best, points_W, params)
+
+
+def coarse_score(model: ModelCloud, frame: Frame, poses: Poses) -> Array:
+    """Return how well a few points at each of B poses fit, before anything is refined exactly; (B,), from 0 to 1."""
+    fit = assess(model, frame, poses, TUNING.coarse_points, COARSE, slack=0.005)
+    seen = np.minimum(fit.visible_share / TUNING.least_visible, 1.0) * np.minimum(fit.points / 20.0, 1.0)
+    result: Array = fit.likeness * seen
+    return result
 
 
 def with_colours_aligned(
@@ -347,7 +355,9 @@ def with_colours_aligned(
     for _ in range(TUNING.alignments):
         if result.evidence is None:
             break
-        shift = learnt(shift, [result.evidence])
+        before, shift = shift, learnt(shift, [result.evidence])
+        if np.linalg.norm(shift.mean - before.mean) < COLOUR_SHIFT.floor:
+            break  # known as well as it ever is
         result = register(model, replace(frame, shift=shift), result.R, result.p, params, points_W=points_W)
         share = judged(model, points_W, result)
         if result.quality * share > best.score:

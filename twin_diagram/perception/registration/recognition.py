@@ -104,6 +104,7 @@ def recognise(
     smallest: int,
     floating: Mapping[int, Aloft] | None = None,
     rivals: Sequence[tuple[ModelCloud, Sequence[tuple[Array, float]]]] = (),
+    least: float = 0.0,
 ) -> dict[int, Found]:
     """Find wanted objects in what no tracked object explains.
 
@@ -117,6 +118,7 @@ def recognise(
         smallest: points that a segment must have left.
         floating: of objects that are looked for in the air instead, what is known of them, by the object's number.
         rivals: models of which there may be one more, and how they rest: what has no colours, is none of these.
+        least: a segment is given up where nothing laid in it has such a `coarse_score`.
 
     Returns:
         What was found, by the object's number; each segment's points go to one object alone.
@@ -130,7 +132,7 @@ def recognise(
         likeness = {s: alike(model.hues, hues(segments.colours[i])) for s, i in members.items() if len(i) >= smallest}
         known, ways = (floating or {}).get(k), list(orientations.get(k, ()))
         for s in sorted(likeness, key=lambda s: -likeness[s]):
-            result = _searched(model, view, segments.points_W[members[s]], known, ways)
+            result = _searched(model, view, segments.points_W[members[s]], known, ways, least)
             if result is not None:
                 tried[k, s] = result
                 if result.score >= sure:
@@ -161,11 +163,12 @@ def _searched(
     points_W: Array,
     known: Aloft | None,
     ways: list[tuple[Array, float]],
+    least: float,
 ) -> Found | None:
     """Look for an object among a segment's points (N, 3), in the air where it is `known` to have been, or hangs."""
     frame, params = view.frame, view.params
     if known is None:
-        result = search(model, frame, points_W, ways, params)
+        result = search(model, frame, points_W, ways, params, least)
         if result is not None and result.score < TUNING.accept and model.coloured:
             result = turned_about(model, frame, result, points_W, params)
         if result is not None and result.score < TUNING.accept:

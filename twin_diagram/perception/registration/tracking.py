@@ -11,8 +11,10 @@ import numpy.typing as npt
 from twin_diagram import scenario
 from twin_diagram.perception.registration.asking import asked, set_apart
 from twin_diagram.perception.registration.colour_shift import ColourShift, learnt
+from twin_diagram.perception.registration.data_association import Poses
 from twin_diagram.perception.registration.frame import Frame
-from twin_diagram.perception.registration.global_search import judged, nearby
+from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_SEARCH
+from twin_diagram.perception.registration.global_search import coarse_score, judged, nearby
 from twin_diagram.perception.registration.instances import taken
 from twin_diagram.perception.registration.model_cloud import ModelCloud
 from twin_diagram.perception.registration.naming_evidence import name_believed, with_name
@@ -367,7 +369,9 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     mask[own] = True
     ways = {0: orientations(known, slot, time)}
     floating = {0: aloft(slot, time)} if in_the_air(slot, time) else None
-    found = recognise({0: known.model}, ways, segments, view.frame, mask, view.params, view.smallest, floating).get(0)
+    least = GLOBAL_SEARCH.hopeless * float(coarse_score(known.model, view.frame, Poses(one.R[None], one.p[None]))[0])
+    wanted, image = {0: known.model}, (segments, view.frame, mask)
+    found = recognise(wanted, ways, *image, view.params, view.smallest, floating, least=least).get(0)
     points = segments.points_W[segments.labels == label]
     if found is None or found.likeness < one.likeness * judged(known.model, points, one) + TUNING.better:
         return None
