@@ -219,6 +219,25 @@ def test_what_is_found_again_keeps_its_odds_if_it_lies_the_same_way_round(
     assert least == [0.5 * GLOBAL_SEARCH.hopeless], "what is far less like it than where it was followed"
 
 
+@pytest.mark.parametrize(("told", "before", "wins"), [(-5.0, 2.0, False), (-5.0, -6.0, True), (-0.5, 6.0, True)])
+def test_a_challenger_that_its_outline_speaks_against_gives_no_way(
+    monkeypatch: pytest.MonkeyPatch, told: float, before: float, wins: bool
+) -> None:
+    """Half hidden, a cup that moved passed for one turned by 100°, 3 cm higher: likelier by its colours alone."""
+    image, own = Image(monkeypatch), replace(slot(), named=Naming(before, 3))
+    found = {0: SimpleNamespace(likeness=9.0, registration=pose())}
+    monkeypatch.setattr(tracking, "recognise", lambda *_, **__: found)
+    monkeypatch.setattr(tracking, "coarse_score", lambda *_: np.array([0.5]))
+    monkeypatch.setattr(tracking, "label_of", lambda segments, own: 0)
+    monkeypatch.setattr(tracking, "judged", lambda *_: 1.0)
+    monkeypatch.setattr(tracking, "_convincing", lambda *_: True)
+    monkeypatch.setattr(tracking, "with_name", lambda known, view, one: replace(one, named=Naming(told)))
+    monkeypatch.setattr(tracking, "unmistaken", lambda known, view, one, odds: one)
+    monkeypatch.setattr(tracking, "claimed", lambda *_: np.arange(40))
+    other = tracking.challenger(KNOWN, own, pose(), image.view, np.ones(40, dtype=bool))
+    assert (other is not None) == wins
+
+
 def test_a_step_follows_then_regains_then_searches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of five objects one is followed, one regained, two are searched, of which one is found; one waits its turn."""
     calls: list[Any] = []

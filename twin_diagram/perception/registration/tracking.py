@@ -17,6 +17,7 @@ from twin_diagram.perception.registration.global_search import TUNING as GLOBAL_
 from twin_diagram.perception.registration.global_search import coarse_score, judged, nearby
 from twin_diagram.perception.registration.instances import taken
 from twin_diagram.perception.registration.model_cloud import ModelCloud
+from twin_diagram.perception.registration.naming_evidence import TUNING as EVIDENCE
 from twin_diagram.perception.registration.naming_evidence import name_believed, with_name
 from twin_diagram.perception.registration.recognition import Aloft, looks_like_itself, recognise
 from twin_diagram.perception.registration.registration import RegisteredPose, claimed, label_of
@@ -378,6 +379,8 @@ def challenger(known: Known, slot: Slot, one: RegisteredPose, view: View, free: 
     if not _convincing(known, slot, view, found.registration):
         return None
     other = replace(with_name(known, view, found.registration), by_shape=slot.by_shape)
+    if other.named is not None and other.named.odds < min(slot.named.odds, EVIDENCE.silent[0]):
+        return None  # its outline speaks against it, more than against where it was followed
     return unmistaken(known, view, other, odds_kept(slot.odds, one.R, other.R))
 
 
