@@ -24,13 +24,14 @@ from twin_diagram.gap.experiments.trajectories import Experiment, design, visite
 from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
-from twin_diagram.gap.report.subject import Subject
+from twin_diagram.gap.report.subject import Subject, called
 from twin_diagram.gap.residuals import torque_sense
 from twin_diagram.gap.residuals.motors_off import without_brakes
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
-from twin_diagram.gap.residuals.prepared_logs import moves, prepare, usable
+from twin_diagram.gap.residuals.prepared_logs import moves, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
+from twin_diagram.gap.whole_robot.contacts import beside_contacts, placed
 from twin_diagram.gap.whole_robot.few_or_whole import Explanation, explained, nameless, standing_after
 from twin_diagram.logs import Log, LogWarning, fingerprint, read_log, write_columns
 from twin_diagram.logs.dejittering import dejittered
@@ -159,11 +160,13 @@ def run_gap(
     say("reading the logs")
     given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants, joints)
     notes += torque_sense.checked(given, logs)
-    records = prepare(given, logs)
+    logs, records, spans = beside_contacts(given, logs, notes)
+    held = longest(beside_contacts(given, [held], notes, "; the longest stretch is held out")[0])
     standing = corrected_folder.standing_of(resources.resolve(str(model), packages))
     if not standing.established:
         notes.append(f"{model}: is a partial explanation that was not established")
     found = explained(given, logs, held, records, notes, say, standing)
+    found = replace(found, verdict=placed(found.verdict, given.joints, spans, fresh=not standing.remainder))
     verdict, corrected, shown = _proved(found, given, logs, held, notes, say)
     candidate, more = _partial(verdict, found)
     notes += more
@@ -181,7 +184,7 @@ def run_gap(
     )
     if out is not None:
         say("writing the report")
-        write(gap, Path(out), _called(resources.resolve(str(model), packages)))
+        write(gap, Path(out), called(resources.resolve(str(model), packages)))
     return gap
 
 
@@ -219,14 +222,6 @@ def _partial(verdict: Verdict, found: Explanation) -> tuple[Model | None, list[s
         f"candidate_model/ is the best partial explanation, and not established: of motion that its fit has not "
         f"seen it closes {share:.0%} of the residual torque"
     ]
-
-
-def _called(model: Path) -> str:
-    """Return what a report calls a model: its description's name, also where it was corrected before."""
-    if not model.is_dir():
-        return model.name
-    names = sorted(path.name for path in model.iterdir() if path.suffix in (".urdf", ".sdf", ".xml"))
-    return f"{names[0]}, corrected before" if names else model.name
 
 
 def _less_sure(verdict: Verdict) -> Verdict:
