@@ -33,6 +33,7 @@ from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.gap.whole_robot.contacts import beside_contacts, placed
 from twin_diagram.gap.whole_robot.few_or_whole import Explanation, explained, nameless, standing_after
+from twin_diagram.gap.whole_robot.lagging_torque import in_time
 from twin_diagram.logs import Log, LogWarning, fingerprint, read_log, write_columns
 from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
@@ -162,6 +163,7 @@ def run_gap(
     notes += torque_sense.checked(given, logs)
     logs, records, spans = beside_contacts(given, logs, notes)
     held = longest(beside_contacts(given, [held], notes, "; the longest stretch is held out")[0])
+    logs, held, records = in_time(given, logs, held, records, notes)
     standing = corrected_folder.standing_of(resources.resolve(str(model), packages))
     if not standing.established:
         notes.append(f"{model}: is a partial explanation that was not established")
