@@ -49,6 +49,14 @@ def test_a_wall_that_gives_and_pushes_back_is_a_contact() -> None:
     assert 0.05 < np.sum(found.share) < 0.5  # damping is everywhere
 
 
+def test_a_knock_is_a_contact_however_steady() -> None:
+    """Forces that are over in a tenth of a second have no name; three of 60 N left an arm a quarter of its friction."""
+    time = np.arange(3200) / 200.0
+    (found,) = contacts(with_more(np.where((time >= BEGIN) & (time < BEGIN + 0.12), 3.0, 0.0)))
+    assert found.begin < BEGIN + 0.05
+    assert found.end > BEGIN + 0.1
+
+
 @pytest.mark.parametrize(
     ("share", "joints"),
     [

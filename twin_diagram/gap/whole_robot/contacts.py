@@ -53,6 +53,9 @@ class Tuning:
     steady: float = 0.95
     """Share of what stands out that a steady force, or a mass that is held, may explain: that has a name."""
 
+    steadily: float = 0.3
+    """That a steady force lasts beside what is at its edges [s]: what is over sooner has no name, see `pushes`."""
+
     edge: float = 0.25
     """On either side of a span, where averages and the low-pass carry what is beside it [s]."""
 
@@ -245,10 +248,11 @@ class _StandingOut:
         sizes = np.sqrt(np.mean((self.left[begin:end] / self.scale) ** 2, axis=0))
         if np.max(self.above[begin:end]) < TUNING.least or np.sum(sizes > TUNING.joint) < 2:
             return False
-        edge = round(TUNING.edge * (end - begin) / max(float(np.ptp(self.records.times[begin:end])), 1e-9))
-        inner = slice(begin + edge, end - edge)
-        if inner.stop - inner.start < 2:
+        lasting = max(float(np.ptp(self.records.times[begin:end])), 1e-9)
+        if lasting - 2.0 * TUNING.edge < TUNING.steadily:
             return True
+        edge = round(TUNING.edge * (end - begin) / lasting)
+        inner = slice(begin + edge, end - edge)
         terms = Terms(self.records, given_load(self.records), slow_speed(self.records))
         there = [(c.rows, c.columns[inner]) for c in external_forces(terms)]
         there.append((tuple(range(len(self.scale))), self.columns[inner]))
