@@ -34,8 +34,8 @@ from twin_diagram.signals.stretches import stretches
 class Tuning:
     """Constants of this module, chosen by hand.
 
-    On two joints at once what is left of 57 logs without a contact nowhere stands out by more than 10.1, of real arms'
-    14 by 5.8; a wall did by 3,100.
+    On two joints at once what is left of 49 logs without a contact or a push nowhere stands out by more than 10.1, of
+    real arms' 14 by 5.8; a wall did by 3,100.
     """
 
     window: float = 0.2
