@@ -31,9 +31,9 @@ from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import moves, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
-from twin_diagram.gap.whole_robot.contacts import beside_contacts, placed
+from twin_diagram.gap.whole_robot.contacts import placed
 from twin_diagram.gap.whole_robot.few_or_whole import Explanation, explained, nameless, standing_after
-from twin_diagram.gap.whole_robot.lagging_torque import in_time
+from twin_diagram.gap.whole_robot.made_ready import made_ready
 from twin_diagram.logs import Log, LogWarning, fingerprint, read_log, write_columns
 from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
@@ -161,17 +161,14 @@ def run_gap(
     say("reading the logs")
     given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants, joints)
     notes += torque_sense.checked(given, logs)
-    logs, records, spans = beside_contacts(given, logs, notes)
-    held = longest(beside_contacts(given, [held], notes, "; the longest stretch is held out")[0])
-    logs, held, records = in_time(given, logs, held, records, notes)
+    logs, held, records, spans = made_ready(given, logs, held, notes)
     standing = corrected_folder.standing_of(resources.resolve(str(model), packages))
     if not standing.established:
         notes.append(f"{model}: is a partial explanation that was not established")
     found = explained(given, logs, held, records, notes, say, standing)
     found = replace(found, verdict=placed(found.verdict, given.joints, spans, fresh=not standing.remainder))
     verdict, corrected, shown = _proved(found, given, logs, held, notes, say)
-    candidate, more = _partial(verdict, found)
-    notes += more
+    candidate = _partial(verdict, found, notes)
     gap = Gap(
         verdict=verdict,
         given=given,
@@ -215,15 +212,15 @@ def _proved(
     return verdict, corrected, shown
 
 
-def _partial(verdict: Verdict, found: Explanation) -> tuple[Model | None, list[str]]:
-    """Return the best partial explanation where nothing is named, and what is said of it."""
+def _partial(verdict: Verdict, found: Explanation, notes: list[str]) -> Model | None:
+    """Return the best partial explanation where nothing is named; `notes` grow by what is said of it."""
     if verdict.verdict != "unknown" or found.partial is None or not found.partial.closes() > 0.0:
-        return None, []
-    share = found.partial.closes()
-    return found.partial.model, [
+        return None
+    notes.append(
         f"candidate_model/ is the best partial explanation, and not established: of motion that its fit has not "
-        f"seen it closes {share:.0%} of the residual torque"
-    ]
+        f"seen it closes {found.partial.closes():.0%} of the residual torque"
+    )
+    return found.partial.model
 
 
 def _less_sure(verdict: Verdict) -> Verdict:
