@@ -29,7 +29,8 @@ def test_what_is_left_follows_from_what_the_work_before_took() -> None:
 
 def test_too_early_too_short_or_unknown_is_told_without() -> None:
     assert told({"a": 50.0}, {"a": 0.02}) == ["a"]
-    assert told({"a": 1.5}, {"a": 0.1}) == ["a"]
+    assert told({"a": 8.0}, {"a": 0.13}) == ["a"]  # of 28 s in all, say: 54 s would be told
+    assert told({"a": 1.5}, {"a": 0.3}) == ["a"]
     assert told({"a": 10.0}, {"a": 0.9}) == ["a"]
     assert told({"x": 10.0}, {"a": 0.5}) == ["x"]
 

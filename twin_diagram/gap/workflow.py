@@ -24,14 +24,16 @@ from twin_diagram.gap.experiments.trajectories import Experiment, design, visite
 from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.report import gap_json, page
 from twin_diagram.gap.report.comparison import Shown, show
-from twin_diagram.gap.report.subject import Subject
+from twin_diagram.gap.report.subject import Subject, called
 from twin_diagram.gap.residuals import torque_sense
 from twin_diagram.gap.residuals.motors_off import without_brakes
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
-from twin_diagram.gap.residuals.prepared_logs import moves, prepare, usable
+from twin_diagram.gap.residuals.prepared_logs import moves, usable
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
+from twin_diagram.gap.whole_robot.contacts import placed
 from twin_diagram.gap.whole_robot.few_or_whole import Explanation, explained, nameless, standing_after
+from twin_diagram.gap.whole_robot.made_ready import made_ready
 from twin_diagram.logs import Log, LogWarning, fingerprint, read_log, write_columns
 from twin_diagram.logs.dejittering import dejittered
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
@@ -67,9 +69,9 @@ STAGES = MappingProxyType(
     {
         "reading the logs": 0.0,
         "fitting the whole robot": 0.003,
-        "looking at the residual": 0.03,
-        "searching for a name": 0.04,
-        "searching again with the noise that is left": 0.22,
+        "looking at the residual": 0.13,
+        "searching for a name": 0.14,
+        "searching again with the noise that is left": 0.32,
         "refining what was found": 0.6,
         "weighing its rivals": 0.62,
         "adding what was named": 0.85,
@@ -81,8 +83,8 @@ STAGES = MappingProxyType(
         "writing the report": 0.93,
     }
 )
-"""Share of a search that is done when each of its stages begins: measured on logs of a KR300, a Panda and a small arm,
-which differ by a factor of two."""
+"""Share of a search that is done when each of its stages begins: measured on logs of a KR300, a Panda, an LWR4+ and a
+small arm, which differ by a factor of two."""
 
 FOR_THE_UNKNOWN = (texts.SPEEDS, texts.SLOW, texts.LONG)
 """Experiments that show most of an effect that has no name yet."""
@@ -159,14 +161,14 @@ def run_gap(
     say("reading the logs")
     given, logs, held, notes = _read(model, fit, holdout, packages, columns, torque_side, constants, joints)
     notes += torque_sense.checked(given, logs)
-    records = prepare(given, logs)
+    logs, held, records, spans = made_ready(given, logs, held, notes)
     standing = corrected_folder.standing_of(resources.resolve(str(model), packages))
     if not standing.established:
         notes.append(f"{model}: is a partial explanation that was not established")
     found = explained(given, logs, held, records, notes, say, standing)
+    found = replace(found, verdict=placed(found.verdict, given.joints, spans, fresh=not standing.remainder))
     verdict, corrected, shown = _proved(found, given, logs, held, notes, say)
-    candidate, more = _partial(verdict, found)
-    notes += more
+    candidate = _partial(verdict, found, notes)
     gap = Gap(
         verdict=verdict,
         given=given,
@@ -181,7 +183,7 @@ def run_gap(
     )
     if out is not None:
         say("writing the report")
-        write(gap, Path(out), _called(resources.resolve(str(model), packages)))
+        write(gap, Path(out), called(resources.resolve(str(model), packages)))
     return gap
 
 
@@ -210,23 +212,15 @@ def _proved(
     return verdict, corrected, shown
 
 
-def _partial(verdict: Verdict, found: Explanation) -> tuple[Model | None, list[str]]:
-    """Return the best partial explanation where nothing is named, and what is said of it."""
+def _partial(verdict: Verdict, found: Explanation, notes: list[str]) -> Model | None:
+    """Return the best partial explanation where nothing is named; `notes` grow by what is said of it."""
     if verdict.verdict != "unknown" or found.partial is None or not found.partial.closes() > 0.0:
-        return None, []
-    share = found.partial.closes()
-    return found.partial.model, [
+        return None
+    notes.append(
         f"candidate_model/ is the best partial explanation, and not established: of motion that its fit has not "
-        f"seen it closes {share:.0%} of the residual torque"
-    ]
-
-
-def _called(model: Path) -> str:
-    """Return what a report calls a model: its description's name, also where it was corrected before."""
-    if not model.is_dir():
-        return model.name
-    names = sorted(path.name for path in model.iterdir() if path.suffix in (".urdf", ".sdf", ".xml"))
-    return f"{names[0]}, corrected before" if names else model.name
+        f"seen it closes {found.partial.closes():.0%} of the residual torque"
+    )
+    return found.partial.model
 
 
 def _less_sure(verdict: Verdict) -> Verdict:

@@ -80,3 +80,11 @@ def test_what_brings_no_joint_a_tenth_of_its_friction_is_no_push(monkeypatch: py
     assert not pushes(whole, start, terms_of(whole.sums, ARM))
     monkeypatch.setattr("twin_diagram.gap.whole_robot.pushes.TUNING", replace(TUNING, drifts=0.0))
     assert pushes(whole, start, terms_of(whole.sums, ARM))
+
+
+def test_what_begins_with_a_log_is_no_push() -> None:
+    """An arm sets off there, and its friction builds up: half a newton was told of logs in which nobody pushes."""
+    for begin, found in ((0.2, 0), (2.0, 1)):
+        records = pushed(begin, begin + 1.2, 1e-9)
+        whole, start = settled(begun(records, equations(records)))
+        assert len(pushes(whole, start, terms_of(whole.sums, ARM))) == found

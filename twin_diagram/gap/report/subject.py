@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from twin_diagram.gap.experiments.trajectories import Experiment
 from twin_diagram.gap.findings import Verdict
@@ -48,3 +49,11 @@ class Subject:
     def changed(self) -> bool:
         """Whether there is a corrected model that differs."""
         return self.corrected is not self.given
+
+
+def called(model: Path) -> str:
+    """Return what a report calls a model: its description's name, also where it was corrected before."""
+    if not model.is_dir():
+        return model.name
+    names = sorted(path.name for path in model.iterdir() if path.suffix in (".urdf", ".sdf", ".xml"))
+    return f"{names[0]}, corrected before" if names else model.name

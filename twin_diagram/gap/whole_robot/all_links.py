@@ -12,12 +12,14 @@ import numpy as np
 
 from twin_diagram.gap.whole_robot.beside_dry import told_beside
 from twin_diagram.gap.whole_robot.concluding import TUNING as CONCLUDING
-from twin_diagram.gap.whole_robot.concluding import WholeRobot, last_of, lost_names, said_of
+from twin_diagram.gap.whole_robot.concluding import WholeRobot, last_of, lost_names, said_of, without_names
 from twin_diagram.gap.whole_robot.estimates import covariance
 from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import LeftOut, best_spread
 from twin_diagram.gap.whole_robot.physical_fit import solve
 from twin_diagram.gap.whole_robot.unusual import room_for
+from twin_diagram.gap.whole_robot.well_told import share_of
+from twin_diagram.model.effects.actuation import TorqueBias
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,10 @@ def with_all_links(found: WholeRobot) -> WholeRobot:
     more = said_of(every, z, covariance(every, z))
     if more is None or unsure(more) - unsure(found):
         return found
+    if none := no_offsets(more):  # the other links stand for them
+        every = without_names(every, z, none)
+        z = solve(every, None, z)
+        more = said_of(every, z, covariance(every, z)) or more
     sure = {one.name: one.confidence for one in found.findings}
     findings = tuple(replace(one, confidence=sure[one.name]) for one in more.findings)
     return replace(more, findings=findings, separation=found.separation, along=len(links_of(more) - links_of(found)))
@@ -67,6 +73,12 @@ def with_all_links(found: WholeRobot) -> WholeRobot:
 def unsure(found: WholeRobot) -> set[tuple[str, str]]:
     """Return names, with the joint of each or an empty one, that are known no better than to a third."""
     return lost_names(found.findings) - told_beside(found.findings, CONCLUDING.rough, found.problem)
+
+
+def no_offsets(found: WholeRobot) -> set[tuple[str, str]]:
+    """Return offsets, each with its joint, that are smaller than their own error."""
+    there = [(one, joint) for one in found.findings if one.name == TorqueBias.name for joint in one.joints]
+    return {(one.name, joint) for one, joint in there if share_of(one, joint) >= CONCLUDING.none}
 
 
 def links_of(found: WholeRobot) -> set[str]:

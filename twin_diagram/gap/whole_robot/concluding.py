@@ -53,6 +53,9 @@ class Tuning:
     """Rise of the evidence, beside links and gains that may be off, that an offset which is known no better than to a
     third must bring to stay [nats]: one of 1.8 standard errors. Asked of all offsets it took true ones, too."""
 
+    none: float = 1.0
+    """Share of an offset from which on an error leaves nothing of it."""
+
     rough: float = 1.1
     """Times a third that an error may be: one that is told by five kinds of motion is itself known to a third."""
 
@@ -152,6 +155,8 @@ def well_known(found: WholeRobot) -> WholeRobot | None:
 def likely_offsets(found: WholeRobot, lost: set[tuple[str, str]]) -> set[tuple[str, str]]:
     """Return which of the lost names, each with its joint, are offsets that evidence beside links and gains speaks for.
 
+    One that is smaller than its own error is none: it may as well have the other sign.
+
     Args:
         found: with them.
         lost: names that are known no better than to a third.
@@ -160,7 +165,8 @@ def likely_offsets(found: WholeRobot, lost: set[tuple[str, str]]) -> set[tuple[s
     if not offsets:
         return offsets
     brought = dict(zip(found.model.joints, offset_evidence(found.problem, found.coordinates), strict=True))
-    return {one for one in offsets if brought[one[1]] >= TUNING.likely}
+    (there,) = [one for one in found.findings if one.name == TorqueBias.name]
+    return {one for one in offsets if brought[one[1]] >= TUNING.likely and share_of(there, one[1]) < TUNING.none}
 
 
 def told_enough(findings: Sequence[Finding], lost: set[tuple[str, str]]) -> set[tuple[str, str]]:

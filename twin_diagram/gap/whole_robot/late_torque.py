@@ -133,6 +133,8 @@ def behind(problem: RobotProblem, z: Array) -> float:
     rest = np.sum(gains[best]) - np.max(gains[best])
     if np.sum(gains[best]) < TUNING.behind or (problem.n > 1 and rest < TUNING.others):
         return 0.0
+    if np.min(gains[best]) < -TUNING.others:  # a lag is all joints', and not what some have no name for
+        return 0.0
     ends = COARSE[best - 1], COARSE[min(best + 1, len(COARSE) - 1)]
     seconds = least(lambda shift: float(np.sum(costs_of(problem, z, -shift))), *ends, TUNING.sections)[1]
     return seconds if seconds > max(record.period for record in records.records) else 0.0

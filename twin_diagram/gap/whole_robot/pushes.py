@@ -20,6 +20,7 @@ from twin_diagram.gap.whole_robot.held_by_friction import mostly_resting, shares
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, coupling, solve, with_noise
 from twin_diagram.gap.whole_robot.physical_links import slopes
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
+from twin_diagram.gap.whole_robot.setting_off import with_the_log
 from twin_diagram.gap.whole_robot.sharp_moments import sharpened
 from twin_diagram.gap.whole_robot.well_told import TUNING as WELL_TOLD
 from twin_diagram.gap.whole_robot.well_told import share_along
@@ -117,7 +118,11 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
         tried = [_Tried.of(problem, z, _spanned(terms, *one[1:])) for one in found]
         best, (_, wrench, _, _) = max(zip(tried, found, strict=True), key=lambda both: both[0].score)
         quiet = replace(problem, variance=best.variance, share=best.share)
-    if brief(best.candidate) or np.all(shares_of_friction(problem, z, best.candidate) < TUNING.drifts):
+    if (
+        brief(best.candidate)
+        or with_the_log(best.candidate, problem.sums.records)
+        or np.all(shares_of_friction(problem, z, best.candidate) < TUNING.drifts)
+    ):
         return []
     problem, z = while_sliding(problem, z, terms, best.candidate)
     best = _Tried.of(problem, z, best.candidate)

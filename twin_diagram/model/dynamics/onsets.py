@@ -19,8 +19,11 @@ def epochs(effects: Sequence[Effect], time: Array) -> list[tuple[tuple[bool, ...
         if effects
         else np.zeros((len(time), 0), bool)
     )
-    kinds, which = np.unique(active, axis=0, return_inverse=True)
-    return [(tuple(map(bool, kind)), which.reshape(-1) == k) for k, kind in enumerate(kinds)]
+    # Sets change at a few moments alone: rows of all times need not be sorted.
+    begins = np.append(0, np.flatnonzero(np.any(active[1:] != active[:-1], axis=1)) + 1)[: len(time)]
+    kinds, of_span = np.unique(active[begins], axis=0, return_inverse=True)
+    which = np.repeat(of_span.reshape(-1), np.diff(np.append(begins, len(time))))
+    return [(tuple(map(bool, kind)), which == k) for k, kind in enumerate(kinds)]
 
 
 def shifted(signal: Array, time: Array, by: float) -> Array:
