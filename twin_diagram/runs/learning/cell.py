@@ -32,6 +32,7 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.station import ports
 from twin_diagram.station.sim.cameras_on_demand import CamerasOnDemand
 from twin_diagram.station.sim.carried_bodies import CarriedBodies
+from twin_diagram.station.sim.resting_bodies import RestingBodies
 from twin_diagram.station.sim.station import SimStation
 
 
@@ -150,6 +151,9 @@ class Cell:
         self._gripper = gripper_of(scenario.twin.learning.gripper) if scenario.twin.learning else None
         hand = arm.fingers[0].frame_on_parent()
         self._carried = CarriedBodies(self._plant, hand, arm.joints, self._station.world.objects)
+        world = self._station.world
+        moving = [body for instance in arm.arm.instances for body in self._plant.GetBodyIndices(instance)]
+        self._resting = RestingBodies(self._plant, world.scene_graph.model_inspector(), world.objects, moving)
         self._simulator = Simulator(self._station)
         self._context = self._simulator.get_mutable_context()
         self._command = arm.q0[: len(arm.joints)].copy()
@@ -240,9 +244,10 @@ class Cell:
         now, begun = self.time, time.perf_counter()
         # Just beyond: whether a message that is due then has come would be left to rounding.
         end = until + TUNING.beyond
+        inner = self._plant.GetMyMutableContextFromRoot(self._context)
+        self._resting.looked_at(inner)
         if self.shut:
             # Never more than one step of the plant at once.
-            inner = self._plant.GetMyMutableContextFromRoot(self._context)
             for stop in np.linspace(now, end, 1 + int(np.ceil((end - now) / self._plant.time_step() - 0.01)))[1:]:
                 self._carried.stepped(inner, partial(self._simulator.AdvanceTo, float(stop)))
         else:
@@ -375,6 +380,7 @@ class Cell:
         if len(kept["positions"]) != self._plant.num_positions():
             raise ScenarioError("world", "has other objects than the run that is to go on")
         self._context.SetTime(float(kept["frame"][1]))
+        self._resting.wake(context)
         self._plant.SetPositions(context, kept["positions"])
         self._plant.SetVelocities(context, np.zeros(self._plant.num_velocities()))
         self._command, self._frame, self.borne = kept["command"].copy(), int(kept["frame"][0]), Borne()
