@@ -46,7 +46,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Ball:
+class BodyBall:
     """A ball that holds all of a body that others may touch: its centre (3,) in B, its radius [m]."""
 
     centre: Array
@@ -81,7 +81,7 @@ class RestingBodies:
         lockable = not plant.GetCollisionGeometriesForBody(plant.world_body())
         self._free = [body for body in free if lockable and body.is_floating_base_body()]
         driven = [plant.get_body(index) for index in moving] + [one for one in free if one not in self._free]
-        self._balls = [ball_about(plant, inspector, body) or Ball(np.zeros(3), np.inf) for body in self._free]
+        self._balls = [ball_about(plant, inspector, body) or BodyBall(np.zeros(3), np.inf) for body in self._free]
         kept = [(body, ball) for body in driven if (ball := ball_about(plant, inspector, body)) is not None]
         self._driven, self._driven_balls = [body for body, _ in kept], [ball for _, ball in kept]
         self._at_rest_since = np.zeros(len(self._free))
@@ -125,7 +125,7 @@ class RestingBodies:
         self._at_rest_since[:], self._looked = context.get_time(), -np.inf
 
 
-def ball_about(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> Ball | None:
+def ball_about(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> BodyBall | None:
     """Return a ball about a body's collision shapes; None: it has none, or one without an end."""
     corners = []
     for geometry in plant.GetCollisionGeometriesForBody(body):
@@ -140,7 +140,7 @@ def ball_about(plant: MultibodyPlant, inspector: SceneGraphInspector, body: Rigi
         return None
     points = np.concatenate(corners)
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return Ball(centre, float(np.linalg.norm(points - centre, axis=1).max()))
+    return BodyBall(centre, float(np.linalg.norm(points - centre, axis=1).max()))
 
 
 def spread(some: Flags, near: Flags) -> Flags:
@@ -155,7 +155,7 @@ def _poses(bodies: Sequence[RigidBody], context: Context) -> Array:
     return np.array([body.EvalPoseInWorld(context).GetAsMatrix34() for body in bodies]).reshape(-1, 3, 4)
 
 
-def _balls_in(poses: Array, balls: Sequence[Ball]) -> tuple[Array, Array]:
+def _balls_in(poses: Array, balls: Sequence[BodyBall]) -> tuple[Array, Array]:
     """Return centres (N, 3) in W and radii (N,) of balls whose bodies are at poses (N, 3, 4) [m]."""
     centres = np.array([ball.centre for ball in balls]).reshape(-1, 3)
     places = np.einsum("nij,nj->ni", poses[:, :, :3], centres) + poses[:, :, 3]
