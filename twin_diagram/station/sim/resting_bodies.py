@@ -18,6 +18,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context
 
 from twin_diagram.signals.arrays import Array
+from twin_diagram.station.sim.world_plant import WorldPlant
 
 Flags = npt.NDArray[np.bool_]
 
@@ -89,6 +90,13 @@ class RestingBodies:
         self._rest_places = np.full((len(self._free), 3), np.inf)
         self._looked = -np.inf
         self.asleep: set[int] = set()
+
+    @staticmethod
+    def of(world: WorldPlant) -> RestingBodies:
+        """Return those of a world, in which its arm moves."""
+        plant = world.plant
+        moving = [body for instance in world.arm.arm.instances for body in plant.GetBodyIndices(instance)]
+        return RestingBodies(plant, world.scene_graph.model_inspector(), world.objects, moving)
 
     def looked_at(self, context: Context) -> None:
         """Lock and free what is to be, before time goes on in the plant's context."""
