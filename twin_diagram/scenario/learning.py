@@ -31,8 +31,8 @@ class Learning:
     """Grasps of one object before another is taken."""
     grasps: int = 2
     """In how many each object is shown at least."""
-    most_grasps: int = 3
-    """In how many at most, where less than `seen_share` of it was seen."""
+    most_grasps: int = 4
+    """In how many at most, where less than `seen_share` of it was seen and the last one still showed more."""
     seen_share: float = 0.98
     """Of the surface that some pose would show: less asks for a further grasp."""
     grasp_selection: str = "pair"

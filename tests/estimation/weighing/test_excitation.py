@@ -115,7 +115,8 @@ def test_every_limit_is_kept_at_all_times(
         assert np.max(np.abs(value) / bound) < 1.003
     assert np.all(q > limits.lower - 1e-3)
     assert np.all(q < limits.upper + 1e-3)
-    assert max(excitation.use.values()) <= 1.0
+    # All of the limit that binds is made use of, not 95 % of it, as is aimed at between samples.
+    assert 0.995 <= max(excitation.use.values()) <= 1.0
 
 
 def test_it_rests_at_both_ends_and_outside(excitation: Excitation) -> None:

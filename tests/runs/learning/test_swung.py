@@ -358,3 +358,19 @@ def test_what_is_heavy_is_swung_farther_off(monkeypatch: pytest.MonkeyPatch) -> 
     for mass in (0.1, 1.5):
         weighing.best_motion(model, mover, POSTURE, np.eye(4), points, np.zeros(3), cell, 10.0, mass)
     assert asked == pytest.approx([0.022, 0.022, 0.05, 0.05])
+
+
+def test_fingers_of_the_empty_hand_come_together_where_the_swing_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not where they let go: what was just set down may still stand between them."""
+    done: list[str] = []
+    cell: Any = SimpleNamespace(
+        widest=0.11, commanded=np.zeros(7), fingers={}, grip=lambda opened: done.append(f"grip {opened:.1f}")
+    )
+    mover: Any = SimpleNamespace(path=lambda q, goals: goals, timed=lambda path: path)
+    driven: Any = SimpleNamespace(joints=())
+    motion: Any = SimpleNamespace(posture=np.ones(7))
+    monkeypatch.setattr(weighing, "go", lambda cell, motion: done.append("go"))
+    monkeypatch.setattr(weighing, "torques_of", lambda *told: np.zeros((1, 7)))
+    monkeypatch.setattr(weighing, "swing", lambda *told, **further: done.append("swing"))
+    weighing.swing_empty(driven, mover, cell, motion, 0.055)
+    assert done == ["go", "grip 0.5", "swing", "grip 1.0"]

@@ -198,3 +198,17 @@ def test_springs_are_wound_up_to_the_limit_alone() -> None:
     np.testing.assert_allclose(held, [0.012, -0.01, 0.0, -0.3])
     held = held_back(desired, np.array([0.04, -0.02]), np.array([0.002, 0.004]))
     np.testing.assert_allclose(held, [0.038, -0.016, 0.0, 0.0])
+
+
+def test_what_things_stand_on_has_few_facets() -> None:
+    """A bottle's feet are balls of 2 mm: with facets of a third of that one in a pad was four fifths of all contact."""
+    scenario = load_scenario("bin_picking", ["world.objects.bottle={asset: objects/bottle}"])
+    world = SimStation(scenario).world
+    inspector, plant = world.scene_graph.model_inspector(), world.plant
+    shapes = plant.GetCollisionGeometriesForBody(plant.get_body(world.objects["bottle"]))
+    hints = {type(inspector.GetShape(shape)).__name__: [] for shape in shapes}
+    for shape in shapes:
+        told = inspector.GetProximityProperties(shape).GetProperty("hydroelastic", "resolution_hint")
+        hints[type(inspector.GetShape(shape)).__name__].append(float(told))
+    assert min(hints["Sphere"]) >= 0.0025
+    assert max(hints["Cylinder"]) == pytest.approx(0.35 * 0.0355)

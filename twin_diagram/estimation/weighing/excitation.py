@@ -12,6 +12,7 @@ from pydrake.math import RigidTransform
 
 from twin_diagram.estimation.weighing.bound import Bound, crlb
 from twin_diagram.estimation.weighing.carried_motion import CarriedMotion
+from twin_diagram.estimation.weighing.excitation_cost import TUNING as COST
 from twin_diagram.estimation.weighing.excitation_cost import ExcitationCost, Room
 from twin_diagram.estimation.weighing.grip import Grip
 from twin_diagram.estimation.weighing.harmonics import Harmonics
@@ -30,7 +31,10 @@ class Tuning:
     """Constants of this module; `sims/benchmarks/weighing_tables.py` prints what comes of them."""
 
     check_rate: float = 100.0
-    """At which limits and clearance are checked in the end [1/s]: an eighth of a degree at full speed."""
+    """At which limits are checked in the end [1/s]."""
+
+    clear_rate: float = 300.0
+    """The same of clearance: a third of a degree at full speed. What is scaled until it is clear ends at its border."""
 
     narrower: float = 0.7
     """By which the reach shrinks where the motion is not clear."""
@@ -264,26 +268,29 @@ def _stricter(cost: ExcitationCost, x: Array) -> Array:
     return min(told, key=lambda one: one[0])[1]
 
 
-def _share_within(cost: ExcitationCost, x: Array) -> float:
-    """Return what a motion is to be scaled down by to keep every limit at all times; 0: it does not even at rest."""
+def _share_within(cost: ExcitationCost, x: Array, most: float = 1.0 / COST.target) -> float:
+    """Return what a motion may be scaled by, at the most, to keep every limit at all times; 0: it does not at rest.
+
+    The search leaves some of each limit for what is between its samples: what is not asked for there is made use of.
+    """
     time = np.arange(0.0, cost.harmonics.period, 1.0 / TUNING.check_rate)
-    if max(cost.use(x, time).values()) <= 1.0:
-        return 1.0
-    low, high = 0.0, 1.0
+    if max(cost.use(cost.scaled(x, most), time).values()) <= 1.0:
+        return most
+    low, high = 0.0, most
     for _ in range(12):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if max(cost.use(cost.scaled(x, middle), time).values()) <= 1.0 else (low, middle)
     return low
 
 
-def _within(cost: ExcitationCost, carried: CarriedMotion, x: Array) -> Excitation:
-    """Return the motion, scaled down as little as keeps every limit at all times.
+def _within(cost: ExcitationCost, carried: CarriedMotion, x: Array, most: float = 1.0 / COST.target) -> Excitation:
+    """Return the motion, scaled up, at the most, or down as keeps every limit at all times.
 
     Raises:
         WeighingError: not even a small one does.
     """
     time = np.arange(0.0, cost.harmonics.period, 1.0 / TUNING.check_rate)
-    scale = _share_within(cost, x)
+    scale = _share_within(cost, x, most)
     if scale < TUNING.least_scale:
         use = cost.use(x, time)
         worst = max(use, key=lambda name: use[name])
@@ -305,7 +312,7 @@ def _clear_of(
     """Return a motion, of some numbers (size), scaled down as little as keeps it clear; None: a little does not."""
 
     def is_clear(factor: float) -> bool:
-        q = found.posture + factor * (found.sampled(TUNING.check_rate)[1][0] - found.posture)
+        q = found.posture + factor * (found.sampled(TUNING.clear_rate)[1][0] - found.posture)
         return clear is None or bool(np.all(clear(q)))
 
     if is_clear(1.0):
@@ -316,5 +323,5 @@ def _clear_of(
     for _ in range(6):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if is_clear(middle) else (low, middle)
-    smaller = _within(cost, carried, cost.scaled(x, low * found.scale))
+    smaller = _within(cost, carried, cost.scaled(x, low * found.scale), most=1.0)
     return replace(smaller, scale=low * found.scale)

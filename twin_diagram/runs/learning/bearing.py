@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.math import RigidTransform
 
-from twin_diagram.estimation.weighing import weight_torque
+from twin_diagram.estimation.weighing.held import Held
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
@@ -32,8 +32,15 @@ Hold = Callable[[Array], Array]
 
 def holding(model: Model, mass: float, centre_T: Array) -> Hold:
     """Return the torques that bear a mass [kg] with its centre at a place (3,) in the tool's frame [m]."""
-    X_TO, parameters = RigidTransform(np.asarray(centre_T, dtype=float)), np.array([mass, *[0.0] * 9])
-    return lambda q: weight_torque(model, X_TO, parameters, q[None])[0]
+    parameters = np.array([mass, *[0.0] * 9])
+    held = Held.in_tool(model, RigidTransform(np.asarray(centre_T, dtype=float)))  # once, not at each tick of the cell
+
+    def torque(q: Array) -> Array:
+        found, rest = np.zeros_like(q), np.zeros_like(q[None])
+        found[held.rows] = (held.regressor(model, q[None], rest, rest) @ parameters)[0]
+        return found
+
+    return torque
 
 
 class Borne:

@@ -32,6 +32,7 @@ from twin_diagram.signals.arrays import Array
 from twin_diagram.station import ports
 from twin_diagram.station.sim.cameras_on_demand import CamerasOnDemand
 from twin_diagram.station.sim.carried_bodies import CarriedBodies
+from twin_diagram.station.sim.resting_bodies import RestingBodies
 from twin_diagram.station.sim.station import SimStation
 
 
@@ -148,8 +149,9 @@ class Cell:
         widening = Followers.of(self._plant, arm.arm).widening
         self._fingers = Fingers.of(self._plant, arm.arm.gripper_joint_indices, described, widening)
         self._gripper = gripper_of(scenario.twin.learning.gripper) if scenario.twin.learning else None
-        hand = arm.fingers[0].frame_on_parent()
-        self._carried = CarriedBodies(self._plant, hand, arm.joints, self._station.world.objects)
+        world, hand = self._station.world, arm.fingers[0].frame_on_parent()
+        self._carried = CarriedBodies(self._plant, hand, arm.joints, world.objects)
+        self._resting = RestingBodies.of(world)
         self._simulator = Simulator(self._station)
         self._context = self._simulator.get_mutable_context()
         self._command = arm.q0[: len(arm.joints)].copy()
@@ -238,11 +240,10 @@ class Cell:
     def _advance(self, until: float) -> None:
         self._send()
         now, begun = self.time, time.perf_counter()
-        # Just beyond: whether a message that is due then has come would be left to rounding.
-        end = until + TUNING.beyond
-        if self.shut:
-            # Never more than one step of the plant at once.
-            inner = self._plant.GetMyMutableContextFromRoot(self._context)
+        end = until + TUNING.beyond  # whether a message that is due then has come would be left to rounding
+        inner = self._plant.GetMyMutableContextFromRoot(self._context)
+        self._resting.looked_at(inner)
+        if self.shut:  # never more than one step of the plant at once
             for stop in np.linspace(now, end, 1 + int(np.ceil((end - now) / self._plant.time_step() - 0.01)))[1:]:
                 self._carried.stepped(inner, partial(self._simulator.AdvanceTo, float(stop)))
         else:
@@ -336,12 +337,10 @@ class Cell:
         way = Alignment.of(told)
         colours = np.ascontiguousarray(way.colours(rgb)[..., :3])
         fingers = self._read(ports.GRIPPER_MEASURED)[: len(self._fingers.closed)]
-        # The newest message is a little older than the picture: the joints have moved on since.
-        late = self.time - max(0.0, float(self._read(ports.MEASUREMENT_TIME)[0]))
+        late = self.time - max(0.0, float(self._read(ports.MEASUREMENT_TIME)[0]))  # joints have moved on since
         q = self.q + late * self._read(ports.VELOCITY_ESTIMATED)
         camera, scale = self._corrected.get(name, (told_camera(told), 1.0))
-        measured = way.depth(depth)
-        seen = measured if scale == 1.0 else (scale * measured).astype(np.float32)
+        seen = way.depth(depth) if scale == 1.0 else (scale * way.depth(depth)).astype(np.float32)
         return Picture(colours, seen, camera, self.time, q, fingers)
 
     def correct(self, name: str, camera: ViewCamera, scale: float) -> None:
@@ -375,6 +374,7 @@ class Cell:
         if len(kept["positions"]) != self._plant.num_positions():
             raise ScenarioError("world", "has other objects than the run that is to go on")
         self._context.SetTime(float(kept["frame"][1]))
+        self._resting.wake(context)
         self._plant.SetPositions(context, kept["positions"])
         self._plant.SetVelocities(context, np.zeros(self._plant.num_velocities()))
         self._command, self._frame, self.borne = kept["command"].copy(), int(kept["frame"][0]), Borne()

@@ -33,7 +33,8 @@ from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, pose
 from twin_diagram.runs.learning.display import display
 from twin_diagram.runs.learning.felt_weight import Centre, Felt, bear, centre_felt, first_mass
 from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew
-from twin_diagram.runs.learning.in_the_way import why_barred
+from twin_diagram.runs.learning.in_the_way import TUNING as IN_THE_WAY
+from twin_diagram.runs.learning.in_the_way import why_barred, with_room
 from twin_diagram.runs.learning.looking_about import LyingAbout, look_about
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
@@ -327,9 +328,10 @@ def _look_again(tools: Tools, known: Sequence[Array]) -> LyingAbout | None:
     return look_about(tools.cell, tools.learning, tools.faces, tools.robot, known)
 
 
-def walls_about(tools: Tools, thing: SeenThing) -> Array:
-    """Return points (N, 3) of walls about a thing on the table, which are in the hand's way [m]."""
-    return np.vstack([np.zeros((0, 3)), *upright_points(tools.faces, thing)])
+def walls_about(tools: Tools, thing: SeenThing) -> list[Array]:
+    """Return points (N, 3) of walls about a thing on the table, in the hand's way: with room, then without [m]."""
+    walls = np.vstack([np.zeros((0, 3)), *upright_points(tools.faces, thing)])
+    return [with_room(walls, room) for room in IN_THE_WAY.rooms] if len(walls) else [walls]
 
 
 def keep_clear(tools: Tools, standing: Sequence[PutDown]) -> None:

@@ -57,10 +57,15 @@ def in_the_way(low: Array, high: Array, others: Sequence[Array]) -> list[Array]:
     few = [points[np.unique(np.floor(points / TUNING.beside), axis=0, return_index=True)[1]] for points in others]
     found = []
     for room in TUNING.rooms:
-        shifts = room * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-        shifts = np.insert(np.unique(shifts, axis=0), 2, room, axis=1)
-        found.append(np.concatenate([wall_points(low, high, room), *(one + shift for one in few for shift in shifts)]))
+        found.append(np.concatenate([wall_points(low, high, room), *(with_room(one, room) for one in few)]))
     return found
+
+
+def with_room(points: Array, room: float) -> Array:
+    """Return points (M, 3) that stand for others (N, 3), nearer and higher by some room [m]."""
+    shifts = room * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    shifts = np.insert(np.unique(shifts, axis=0), 2, room, axis=1)
+    return np.concatenate([points + shift for shift in shifts])
 
 
 def yielding_away(thing: SeenThing, others: Sequence[Array]) -> list[Array]:

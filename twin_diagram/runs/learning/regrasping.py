@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -158,7 +158,7 @@ def take_again(
     X_WS: Array,
     order: Callable[[Grasps, Array], list[int]],
     look: Callable[[], LyingAbout | None],
-    walls: Callable[[SeenThing], Array],
+    walls: Callable[[SeenThing], Sequence[Array]],
 ) -> tuple[Taken, Array] | None:
     """Take what was set down on the platform, in another grasp where there is one, from wherever it lies now.
 
@@ -171,7 +171,7 @@ def take_again(
         X_WS: (4, 4) by where the fingers let go.
         order: numbers of grasps in W of what stands at X_WS (4, 4), those first that are wanted most.
         look: has the arm out of the way, and tells what lies on the platform or about it.
-        walls: points (S, 3) of what is in the hand's way at a thing [m].
+        walls: points (S, 3) of what is in the hand's way at a thing [m], one after another until a grasp is reached.
 
     Returns:
         What is held, and X_ST (4, 4) of the tool as it took it; None: every try failed, those of what the picture alone
@@ -190,16 +190,18 @@ def take_again(
             if (blank := blank + 1) == TUNING.blank:
                 break
             continue
-        blank, around = 0, walls(thing)
-        if attempt < learning.tries:
-            grasps = other_grasps(shown, X_WS, gripper, floor, attempt, around)
-            mover.stand(PLATFORM, [cover(shown.followed) @ X_WS[:3, :3].T + X_WS[:3, 3]], floor)
-            wanted = order(grasps, X_WS)
-        else:  # none of those is to be had: any that the picture alone tells, as if it had never been seen before
-            grasps = grasps_of_thing(thing, gripper, floor + TUNING.floor, around, attempt)
-            mover.stand(PLATFORM, [thing.points], floor)
-            wanted = np.roll(downward(grasps), -2 * (attempt - learning.tries)).tolist()
-        reach = reach_of(mover, cell, grasps, wanted)
+        blank, reach = 0, None
+        for around in walls(thing):
+            if attempt < learning.tries:
+                grasps = other_grasps(shown, X_WS, gripper, floor, attempt, around)
+                mover.stand(PLATFORM, [cover(shown.followed) @ X_WS[:3, :3].T + X_WS[:3, 3]], floor)
+                wanted = order(grasps, X_WS)
+            else:  # none of those is to be had: any that the picture alone tells, as if it had never been seen before
+                grasps = grasps_of_thing(thing, gripper, floor + TUNING.floor, around, attempt)
+                mover.stand(PLATFORM, [thing.points], floor)
+                wanted = np.roll(downward(grasps), -2 * (attempt - learning.tries)).tolist()
+            if (reach := reach_of(mover, cell, grasps, wanted)) is not None:
+                break
         taken = take(mover, cell, reach) if reach is not None else None
         if taken is not None:
             return taken, np.asarray(np.linalg.solve(X_WS, taken.X_WT), dtype=float)

@@ -90,13 +90,15 @@ def seek(tools: Tools, standing: Sequence[PutDown], known: Sequence[Array] = (),
 
 def _take_fallen(tools: Tools, thing: SeenThing, support: float, attempt: int) -> tuple[Taken | None, str]:
     """Try to take what lies somewhere; what is held, or why nothing is."""
-    grasps = grasps_of_thing(thing, tools.gripper, support + HANDLING.floor, walls_about(tools, thing), attempt)
-    order = np.roll(downward(grasps), -2 * attempt)
-    if not len(order):
-        return None, why_not(thing, tools.gripper, grasps)
-    reach = reach_of(tools.mover, tools.cell, grasps, order.tolist())
+    reach, why = None, ""
+    for around in walls_about(tools, thing):
+        grasps = grasps_of_thing(thing, tools.gripper, support + HANDLING.floor, around, attempt)
+        order = np.roll(downward(grasps), -2 * attempt)
+        why = "out of reach" if len(order) else why_not(thing, tools.gripper, grasps)
+        if (reach := reach_of(tools.mover, tools.cell, grasps, order.tolist())) is not None:
+            break
     if reach is None:
-        return None, "out of reach"
+        return None, why
     taken = take(tools.mover, tools.cell, reach)
     if taken is None:
         return None, "the fingers held nothing"

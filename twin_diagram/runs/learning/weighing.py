@@ -286,8 +286,8 @@ def swing_empty(driven: Model, mover: Mover, cell: Cell, motion: Excitation, ope
     Raises:
         NoWay: there is no way to where that began.
     """
-    cell.grip(opening / cell.widest)
     go(cell, mover.timed(mover.path(cell.commanded, motion.posture[None])))
+    cell.grip(opening / cell.widest)  # not before: the fingers may be beside what was just set down
     added = torques_of(driven, motion, np.eye(4), np.zeros(10))
     swung = Swung(swing(cell, motion, driven.joints, "empty", torque=added), cell.fingers, np.eye(4))
     cell.grip(1.0)
