@@ -28,7 +28,7 @@ def from_above(covariance: np.ndarray, places: np.ndarray, chance: np.ndarray, c
         mesh = mesh.subdivide()
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     centre = np.array([0.0, 0.0, 0.015])
-    doubt = Doubt(covariance[None], centre, False, places, chance, chance >= 0, cell)
+    doubt = Doubt(covariance[None], covariance, centre, False, places, chance, chance >= 0, cell)
     return shape_errors(vertices, faces, [make_view(camera, frame.depth)], 1e-9, doubt, centre, np.eye(3))
 
 

@@ -180,6 +180,31 @@ def test_what_a_camera_is_called_is_told_and_passed_over(folder: Path) -> None:
     assert [note.rsplit(": ", 1)[1] for note in notes] == ["serial is not read", "width is not read"]
 
 
+def test_one_sensors_depth_may_lie_a_hundredth_of_a_millimetre_beside_its_colours(folder: Path) -> None:
+    colour = json.loads((folder / "scene_camera.json").read_text())["1"]["cam_K"]
+    half = [0.5 * x for x in colour[:8]] + [1]  # of a depth image half as wide
+    own = {"cam_K": half, "t_CD": [-0.0109, 0.0079, -0.0002]}
+
+    def notes() -> list[str]:
+        (folder / "camera_extra.json").write_text(json.dumps({"depth_camera": own}))
+        return FrameFolder(folder).notes
+
+    (note,) = notes()
+    assert "t_CD is 0.0135 mm long; is it in metres? It counts as mm" in note
+    own["t_CD"] = [15.0, 0, 0]
+    assert notes() == []
+    # Another sensor's: turned by half a degree, or of another lens.
+    own |= {
+        "t_CD": [0.0149, 0, 0],
+        "R_CD": [1, 0, 0, 0, np.cos(0.009), -np.sin(0.009), 0, np.sin(0.009), np.cos(0.009)],
+    }
+    with pytest.raises(FramesError, match="It must be in mm"):
+        notes()
+    own |= {"R_CD": np.eye(3).ravel().tolist(), "cam_K": [1.5 * half[0], 0, half[2], 0, 1.5 * half[4], *half[5:]]}
+    with pytest.raises(FramesError, match="It must be in mm"):
+        notes()
+
+
 def test_numbers_that_may_be_of_another_unit_are_said(folder: Path) -> None:
     (folder / "times.json").write_text("[0, 66, 133]")
     edit(folder, lambda e: [one.update(cam_t_w2c=[x / 1000 for x in one["cam_t_w2c"]]) for one in e.values()])

@@ -84,6 +84,17 @@ def test_a_thing_on_a_box_beside_the_robot_is_a_thing() -> None:
     assert {int(segments.labels[own[0]]) for own in found} == {1}
 
 
+@pytest.mark.parametrize(("wide", "found"), [(8, 1), (2, 0)])
+def test_a_fifth_of_a_segment_is_a_thing_beside_the_known_one_unless_it_is_its_rim(wide: int, found: int) -> None:
+    """6.7 mm a cell: a rest of 5 × 20 cm, or of 1.3 cm by 20."""
+    heights, label = np.zeros((120, 160)), np.full((120, 160), SEGMENTS.background)
+    heights[40:70, 60 : 100 + wide], label[40:70, 60 : 100 + wide] = 0.05, 0
+    segments = image(heights, label, [])
+    free = np.nonzero(label >= 0)[1] >= 100
+    assert free.mean() < 0.2
+    assert len(clusters(segments, free)) == found
+
+
 def test_the_robot_behind_a_place_shows_that_it_is_empty_and_before_it_hides_it() -> None:
     heights, label = scene(0.0, True)
     segments = image(heights, label, [])

@@ -193,7 +193,7 @@ def _doubt(found: AlignedViews, opened: Opened) -> Doubt:
     """Return what may move the surface of what was fused of views."""
     alike = len(found.views) < LASTING.least_views and one_camera(found.views)
     cells = unseen_cells(opened.field, opened.chance)
-    return Doubt(found.covariances, found.centre, alike, *cells, opened.field.grid.voxel**3)
+    return Doubt(found.covariances, found.together, found.centre, alike, *cells, opened.field.grid.voxel**3)
 
 
 def _aligned(

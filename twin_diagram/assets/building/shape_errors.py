@@ -43,7 +43,9 @@ class Doubt:
     """What may move a reconstructed surface.
 
     Attributes:
-        covariances: (n, 6, 6) of the views' twists about `centre` (rotation, translation) [rad, m].
+        covariances: (n, 6, 6) of the views' twists about `centre` (rotation, translation), each beside the others
+            [rad, m].
+        together: (6 n, 6 n) of all of them.
         centre: (3,) in W [m].
         alike: whether what depth has wrong at the same pixels of all views was left in.
         places: (M, 3) in W of cells that no view told of, and that may be empty, or full [m].
@@ -54,6 +56,7 @@ class Doubt:
     """
 
     covariances: Array
+    together: Array
     centre: Array
     alike: bool
     places: Array
@@ -158,11 +161,10 @@ def shape_errors(
     for share, covariance in zip(shares, doubt.covariances, strict=True):
         share /= 1.0 + np.einsum("vi,ij,vj->v", J, covariance, J) / noise**2
     shares /= np.maximum(shares.sum(axis=0), 1e-300)
-    total = np.zeros((10, 10))
+    G = np.hstack([moved.T @ (share[:, None] * J) for share in shares])
+    total = G @ doubt.together @ G.T
     by_depth = np.zeros((10, 10))
-    for share, covariance in zip(shares, doubt.covariances, strict=True):
-        G = moved.T @ (share[:, None] * J)
-        total += G @ covariance @ G.T
+    for share in shares:
         of_depth = moved * share[:, None]
         by_depth += of_depth.T @ of_depth * max(1, np.count_nonzero(share)) / TUNING.patches
     if doubt.alike:

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from twin_diagram.assets.building.depth_view import DepthView, view_points
 from twin_diagram.assets.building.outlines import outline_near
+from twin_diagram.assets.building.poses_together import all_together
 from twin_diagram.assets.building.support_plane import settled
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
@@ -117,6 +118,7 @@ class AlignedViews:
         covariances: (n, 6, 6) of each view's pose as a twist about `centre` (rotation, translation) [rad, m].
         centre: (3,) of the box that was given.
         twists: (n, 6), or (n, 7) with a scale of depth: from where each view was told to where it is, step by step.
+        together: (6 n, 6 n) covariance of all those poses (`poses_together.py`).
     """
 
     views: list[DepthView]
@@ -127,6 +129,7 @@ class AlignedViews:
     covariances: Array
     centre: Array
     twists: Array
+    together: Array
 
 
 def moved(view: DepthView, twist: Array, about: Array) -> DepthView:
@@ -208,14 +211,12 @@ def align(
     samples = [sampled(view, low, high, rng) for view in now]
     inner = [len(sample.points) for sample in samples]
     samples = [s.joined(*outline_near(view, low, high, rng)) for s, view in zip(samples, now, strict=True)]
-    residuals, explained = np.zeros(len(now)), np.ones(len(now))
+    shown = any(len(sample.points) for sample in samples)
+    residuals, explained = np.zeros(len(now)), np.full(len(now), float(shown))
     prior = _prior(prior_scale)
-    twists, covariances = np.zeros((len(now), len(prior))), np.zeros((len(now), 6, 6))
-    noise = TUNING.first_noise
-    if not any(len(sample.points) for sample in samples):
-        covariances += np.diag(1.0 / prior[:6])
-        return AlignedViews(now, plane, residuals, np.zeros(len(now)), noise, covariances, centre, twists)
-    for cell in TUNING.cells:
+    twists, covariances = np.zeros((len(now), len(prior))), np.tile(np.diag(1.0 / prior[:6]), (len(now), 1, 1))
+    noise, seen_of = TUNING.first_noise, np.zeros((twists.size, twists.size))
+    for cell in TUNING.cells if shown else ():
         if plane is not None:
             plane = _support(now, samples, plane, above)
         seen = [_in_W(view, s.points, s.normals) for view, s in zip(now, samples, strict=True)]
@@ -225,7 +226,7 @@ def align(
         tree = cKDTree(np.hstack([surface[0], TUNING.turned * surface[1]]))
         matches = [_matched(tree, surface, *own, plane) for own in seen]
         for _ in range(TUNING.steps):
-            steps, covariances = _steps(now, samples, matches, plane, twists, prior, noise, centre)
+            steps, covariances, seen_of = _steps(now, samples, matches, plane, twists, prior, noise, centre)
             twists = twists + steps
             now = [moved(view, step, centre) for view, step in zip(now, steps, strict=True)]
             samples = [_grown(sample, step) for sample, step in zip(samples, steps, strict=True)]
@@ -233,7 +234,8 @@ def align(
             residuals[k], near = _spread(view, samples[k], matches[k], noise, inner[k])
             explained[k] = matches[k].explained * near
         noise = max(float(np.median(residuals)), TUNING.noise_floor)
-    return AlignedViews(now, plane, residuals, explained, noise, covariances, centre, twists)
+    told = all_together(seen_of, prior, twists)
+    return AlignedViews(now, plane, residuals, explained, noise, covariances, centre, twists, told)
 
 
 @dataclass(frozen=True)
@@ -317,11 +319,11 @@ def _steps(
     prior: Array,
     noise: float,
     centre: Array,
-) -> tuple[Array, Array]:
-    """Return one Gauss-Newton step of all views (n, 6), or (n, 7) with a scale of depth, and their covariances.
+) -> tuple[Array, Array, Array]:
+    """Return one Gauss-Newton step of all views (n, 6), or (n, 7) with a scale of depth, covariances, and all of H.
 
-    Those (n, 6, 6) are each one's beside the others: what all may do together moves no surface across another.
-    `twists` are all steps so far, which `prior` holds back.
+    Covariances (n, 6, 6) are each one's beside the others: what all may do together moves no surface across another.
+    `twists` are all steps so far, which `prior` holds back; of H it is left out.
 
     The cells' offsets o along their normals are eliminated: of Σ w (e + J x − o)² the least over o leaves the normal
     matrix H − Sᵀ S / s, with sums S = Σ w J and s = Σ w over each cell.
@@ -350,7 +352,7 @@ def _steps(
     H -= S.T @ (S / weight[:, None])
     g -= S.T @ (off / weight)
     steps: Array = np.asarray(-np.linalg.solve(H, g).reshape(count, size), dtype=np.float64)
-    return steps, np.asarray(np.linalg.inv(blocks))[:, :6, :6]
+    return steps, np.asarray(np.linalg.inv(blocks))[:, :6, :6], H - np.diag(np.tile(prior, count))
 
 
 def _rows(points: Array, place: Array, normal: Array, centre: Array, lens: Array, size: int) -> tuple[Array, Array]:

@@ -31,7 +31,12 @@ from twin_diagram.signals.lens import TUNING as LENSES
 from twin_diagram.signals.lens import Lens, Map, folds, straightening
 
 METRES = (1e-6, 5e-4)
-"""Cameras in one housing stand 5 to 500 mm apart, which told in metres counts as so little [m]."""
+"""Cameras in one housing stand 5 to 500 mm apart, which told in metres counts as so little [m], …"""
+
+ONE_LENS = (0.005, 0.05)
+"""… unless both are one sensor's: they look the same way, to this [rad], through lenses alike to such a share. Two in
+one housing are turned by as much, or have lenses of their own: a D435's differ by half. A D405's depth camera, which
+is the one that colours are of, is told to be 0.01 mm from it."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,23 @@ class ExtraCamera:
             return colour
         R_WD, p_WD = colour.R_WC @ self.R_CD, colour.p_WC + colour.R_WC @ self.p_CD
         return ViewCamera(size[1], size[0], *self.depth_K, R_WD, p_WD)
+
+    def other_unit(self, colour: tuple[float, float, float, float]) -> list[str]:
+        """Return what is said of a place that may be told in metres, beside a colour camera (fx, fy, cx, cy).
+
+        Raises:
+            FramesError: it is so, unless one sensor sees both.
+        """
+        long = 0.0 if self.p_CD is None else float(np.linalg.norm(self.p_CD))
+        if self.R_CD is None or not METRES[0] < long < METRES[1]:
+            return []
+        said = f"{self.file}: depth_camera: t_CD is {1000 * long:.3g} mm long; is it in metres? It "
+        turned = np.arccos(np.clip((np.trace(self.R_CD) - 1.0) / 2.0, -1.0, 1.0))
+        fx, fy, cx, cy = np.divide(self.depth_K, np.maximum(colour, 1e-9))
+        lenses = np.abs(np.divide([fx, fy], np.maximum([cx, cy], 1e-9)) - 1.0)  # whatever the pictures' sizes
+        if turned > ONE_LENS[0] or lenses.max() > ONE_LENS[1]:
+            raise FramesError(f"{said}must be in mm")
+        return [f"{said}counts as mm"]
 
     def straight(self, image: npt.NDArray[np.uint8], camera: ViewCamera) -> npt.NDArray[np.uint8]:
         """Return an image, or a mask, as the camera would have taken it without distortion.
@@ -142,9 +164,6 @@ def read_extra(folder: Path) -> ExtraCamera:
     if np.abs(R @ R.T - np.eye(3)).max() > 2e-3 or np.linalg.det(R) < 0 or min(K[0, 0], K[1, 1]) <= 0:
         raise FramesError(f"{path}: depth_camera: R_CD must be a rotation and cam_K have positive focal lengths")
     p = _list(own, "t_CD", (3,), path) / 1000.0 if "t_CD" in own else np.zeros(3)
-    long = float(np.linalg.norm(p))
-    if METRES[0] < long < METRES[1]:
-        raise FramesError(f"{path}: depth_camera: t_CD is {1000 * long:.3g} mm long; is it in metres? It must be in mm")
     intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
     scale = float(_list(own, "depth_scale", (1,), path)[0]) if "depth_scale" in own else None
     if scale is not None and scale <= 0:

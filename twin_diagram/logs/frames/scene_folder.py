@@ -125,6 +125,7 @@ class FrameFolder:
         self._scales = {number: self._scale(number) if told is None else told for number in self.numbers}
         self.calibration = self._extra.calibration
         self.notes = [f"{self._extra.file}: {name} is not read" for name in self._extra.unread] + self._other_units()
+        self.notes += self._extra.other_unit(self._intrinsics[self.numbers[0]])
         self._sizes: dict[str, tuple[int, ...]] = {}
 
     def __len__(self) -> int:

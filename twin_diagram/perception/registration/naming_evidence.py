@@ -116,7 +116,7 @@ def naming(known: Known, view: View, one: RegisteredPose) -> Naming:
     if floats(known, view, one):  # What carries it hides a part of its outline, and it stands on nothing.
         colours *= min(ends_alike(model, view, one), coloured_alike(model, view.frame, one)) if colours > 0.0 else 0.0
     else:
-        evidence = shape_evidence(model, view.frame, view.segments, one)
+        evidence = shape_evidence(model, view.frame, view.segments, one, min(colours / TUNING.colours[1], 1.0))
     if evidence is None:
         return Naming(colours + TUNING.silent[0 if model.coloured else 1])
     shape = TUNING.each * (evidence.odds - TUNING.even)

@@ -48,6 +48,9 @@ class Tuning:
     own: float = 0.5
     """A segment is the object's of which this share is."""
 
+    touched: float = 0.5
+    """An edge is another thing's that lies by so much farther out with it [cells]: by one of them, but for rounding."""
+
     farthest: float = 0.04
     """An edge farther off is as far off as this [m]."""
 
@@ -77,12 +80,15 @@ class Outline:
         apart: (E,) how far outside of it the image's outline lies [cells].
         outside: share of the thing's image that lies outside of the model's outline.
         missed: share of the model's outline that shows something else, where nothing hides it.
+        touched: (E,) which cells lie so far out by points alone that are near the model, but of another's segment: what
+            bears it, or stands against it, is near it there.
     """
 
     J: Array
     apart: Array
     outside: float
     missed: float
+    touched: Mask
 
     def in_place(self, within: float) -> float:
         """Return the share of the model's outline that the image's is within so many cells of."""
@@ -124,6 +130,13 @@ def own_points(model: ModelCloud, segments: Segments, one: RegisteredPose) -> tu
     mine = np.bincount(segments.labels[near], minlength=count)
     whole = np.maximum(np.bincount(segments.labels, minlength=count), 1)
     return near, np.asarray(near | (mine >= TUNING.own * whole)[segments.labels])
+
+
+def _mostly(segments: Segments, own: Mask) -> Mask:
+    """Return (N,) which of the segments' points are of segments that mostly are an object's `own` (N,)."""
+    count = max(segments.count, 1)
+    whole = np.maximum(np.bincount(segments.labels, minlength=count), 1)
+    return np.asarray((np.bincount(segments.labels[own], minlength=count) >= TUNING.own * whole)[segments.labels])
 
 
 def _reach(model: ModelCloud, segments: Segments, one: RegisteredPose) -> float:
@@ -178,10 +191,15 @@ def outline(model: ModelCloud, frame: Frame, segments: Segments, one: Registered
     inward = _signed(ours)
     cut = TUNING.farthest / cell
     r, c = at.T
-    apart = np.clip(inward[r, c] - _signed(tall | (seen & ours))[r, c], -cut, cut)
+    apart, touched = np.clip(inward[r, c] - _signed(tall | (seen & ours))[r, c], -cut, cut), np.zeros(len(at), bool)
+    mostly = _mostly(segments, own)
+    if (own & ~mostly).any():
+        sure = _shown(segments, mostly, low, float(np.median(z)), part, specks)[1]
+        less = np.clip(inward[r, c] - _signed(sure | (seen & ours))[r, c], -cut, cut)
+        touched = apart - less > TUNING.touched
     way = _outward(frame, points[index], _slopes(inward, at))
     J = np.hstack([moves(way, points[index] - one.p, one.R), np.ones((len(at), 1))])
-    return Outline(J, apart, outside, missed)
+    return Outline(J, apart, outside, missed, touched)
 
 
 def _height_noise(frame: Frame, p: Array) -> float:

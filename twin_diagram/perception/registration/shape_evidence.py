@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.perception.registration.assessment import residual_excess
+from twin_diagram.perception.registration.colour_sizes import colour_sizes, own_edges
 from twin_diagram.perception.registration.data_association import Looked, Poses, look
 from twin_diagram.perception.registration.frame import Frame
 from twin_diagram.perception.registration.model_cloud import ModelCloud
@@ -82,7 +83,9 @@ class ShapeEvidence:
     odds: float
 
 
-def shape_evidence(model: ModelCloud, frame: Frame, segments: Segments, one: RegisteredPose) -> ShapeEvidence | None:
+def shape_evidence(
+    model: ModelCloud, frame: Frame, segments: Segments, one: RegisteredPose, colours: float = 0.0
+) -> ShapeEvidence | None:
     """Return what shape says of a pose registered in an image; None where no outline of it is in view.
 
     Args:
@@ -90,6 +93,7 @@ def shape_evidence(model: ModelCloud, frame: Frame, segments: Segments, one: Reg
         frame: the image.
         segments: the same, taken apart.
         one: the pose.
+        colours: from 0 to 1, by how much they speak for it: so much less count edges of what may be joined to it.
     """
     near, own = own_points(model, segments, one)
     seen = outline(model, frame, segments, one, own)
@@ -99,9 +103,6 @@ def shape_evidence(model: ModelCloud, frame: Frame, segments: Segments, one: Reg
     # Ten numbers: a turn, a shift, the stretches, and how far the image's outline lies outside everywhere.
     H, b = np.diag(np.repeat([*np.square(TUNING.loose), 1.0, TUNING.bias[1] ** 2], [3, 3, 3, 1]) ** -1.0), np.zeros(10)
     b[9] = TUNING.bias[0] * TUNING.bias[1] ** -2.0
-    w = 1.0 / (TUNING.edge**2 * TUNING.share)
-    H += w * seen.J.T @ seen.J
-    b += w * seen.J.T @ seen.apart
     J, off, weight = _surface(looked, frame, one)
     H[:9, :9] += (J * weight[:, None]).T @ J
     b[:9] += J.T @ (weight * off)
@@ -109,6 +110,13 @@ def shape_evidence(model: ModelCloud, frame: Frame, segments: Segments, one: Reg
     if abs(height) < 3.0 * TUNING.rests:
         H[:9, :9] += np.outer(row, row) / TUNING.rests**2
         b[:9] -= row * height / TUNING.rests**2
+    H_colours, b_colours = colour_sizes(looked, frame, one, TUNING.cut)
+    H[:9, :9] += H_colours
+    b[:9] += b_colours
+    joined = colours * ~own_edges(seen, H, b, TUNING.edge, TUNING.share)
+    w = (1.0 - joined) / (TUNING.edge**2 * TUNING.share)
+    H += (seen.J * w[:, None]).T @ seen.J
+    b += seen.J.T @ (w * seen.apart)
     both = np.linalg.inv(H)
     stretch, spread = (both @ b)[6:9], both[6:9, 6:9] + TUNING.scale**2 * np.eye(3)
     shown = float(np.count_nonzero(near & own)) / max(float(np.count_nonzero(own)), 1.0)

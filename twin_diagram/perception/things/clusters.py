@@ -33,10 +33,14 @@ class Tuning:
     """Points that nothing explains make a thing, from so many on, 640 pixels wide and every second taken."""
 
     rest: float = 0.3
-    """Of a part of the image that known objects explain for the greater part, a rest below this share is their rim."""
+    """Of a part of the image that known objects explain for the most part, a rest below this share is their rim, …"""
 
     least_size: float = 0.012
-    """A thing is at least so large in two directions [m], as a standard deviation times two."""
+    """A thing is at least so large in two directions [m], as a standard deviation times two, …"""
+
+    rest_size: float = 0.02
+    """… and a rest that is so large no rim, which is long and narrow: a hand that held a bottle, and a carton
+    against another one, cut by the picture's edge, were less than a third of one segment, and no obstacle."""
 
     floats: float = 0.05
     """What is higher than this above all that it could stand on, and borders on the robot, is the robot's [m]."""
@@ -77,16 +81,18 @@ def clusters(segments: Segments, free: Mask) -> list[npt.NDArray[np.int64]]:
     for label in range(segments.count):
         whole = segments.labels == label
         own = np.flatnonzero(free & whole)
-        if len(own) < fewest or len(own) < TUNING.rest * np.count_nonzero(whole):
+        if len(own) < fewest:
             continue
-        if _large(segments.points_W[own]) and not _robots(segments, own, label):
+        rim = len(own) < TUNING.rest * np.count_nonzero(whole)
+        least = TUNING.rest_size if rim else TUNING.least_size
+        if _large(segments.points_W[own], least) and not _robots(segments, own, label):
             found.append(own)
     return found
 
 
-def _large(points: Array) -> bool:
+def _large(points: Array, least: float) -> bool:
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(points.T)), 0.0))
-    return bool(2.0 * spread[1] >= TUNING.least_size)
+    return bool(2.0 * spread[1] >= least)
 
 
 def _robots(segments: Segments, own: npt.NDArray[np.int64], label: int) -> bool:
