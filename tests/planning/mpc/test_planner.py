@@ -14,7 +14,7 @@ from twin_diagram.planning.collision.collision_scene import Forecast, Scene, loa
 from twin_diagram.planning.mpc.margins import as_near_as, at_samples
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import FRESH, Memory
-from twin_diagram.planning.mpc.trajectory_optimisation import Optimum, Problem
+from twin_diagram.planning.mpc.trajectory_optimisation import Optimum, PlanProblem
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.planning.paths.guide import Answer, Question
 from twin_diagram.planning.paths.route import Aim, Route, Situation
@@ -69,7 +69,7 @@ class Spied:
             def works(_) -> bool:
                 return self.works
 
-        def solve(problem: Problem, guess: Array) -> Optimum:
+        def solve(problem: PlanProblem, guess: Array) -> Optimum:
             self.asked = {**problem._asdict(), "guess": guess}
             return Optimum(problem.fallback, 0.0, True)
 

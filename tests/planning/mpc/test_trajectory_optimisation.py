@@ -11,7 +11,7 @@ from twin_diagram.planning.collision.clearance import Contacts
 from twin_diagram.planning.mpc.motion_program import Rows
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory
-from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, Problem
+from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, PlanProblem
 from twin_diagram.signals.arrays import Array
 
 KNOTS, STEP = 8, 0.15
@@ -69,7 +69,7 @@ def solved(solver: Told, wall: Wall, guess: Array | float = 0.0) -> tuple[Any, O
     guess = np.full((m, 1), guess) if isinstance(guess, float) else guess
     margins = np.tile([0.1, 0.01], (m, 1))
     fallback = Trajectory(5.0, STEP, Q0, V0, np.zeros((KNOTS, 1)))
-    problem = Problem(5.0, Q0, V0, A0, guess, None, margins, fallback)  # type: ignore[arg-type]
+    problem = PlanProblem(5.0, Q0, V0, A0, guess, None, margins, fallback)  # type: ignore[arg-type]
     found = optimiser.solve(problem, guess)
     return found, optimiser
 
@@ -180,7 +180,7 @@ def test_what_is_planned_over_and_over_keeps_the_limit_of_speed(knots: int, step
         now = tick * period
         (q,), (v,), (a,) = plan.at(np.array([now]))
         guess, far = plan.at(now + optimiser.samples)[0], np.full((len(optimiser.samples), 1), 3.0)
-        found = optimiser.solve(Problem(now, q, v, a, far, None, margins, plan), guess)  # type: ignore[arg-type]
+        found = optimiser.solve(PlanProblem(now, q, v, a, far, None, margins, plan), guess)  # type: ignore[arg-type]
         assert found.solved
         plan = found.trajectory
         assert np.abs(plan.at(now + np.linspace(0.0, period, 20))[1]).max() < 1.01

@@ -124,8 +124,7 @@ def recognise(
         What was found, by the object's number; each segment's points go to one object alone.
     """
     free, view = free.copy(), View(segments, frame, params, smallest)
-    found: dict[int, Found] = {}
-    tried: dict[tuple[int, int], Found] = {}
+    found, tried = dict[int, Found](), dict[tuple[int, int], Found]()
     for k, model in wanted.items():
         sure = GLOBAL_SEARCH.sure if model.coloured else np.inf
         members = {s: np.flatnonzero(free & (segments.labels == s)) for s in range(segments.count)}

@@ -21,7 +21,7 @@ from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
 from twin_diagram.planning.mpc.quadratic_program import QpSolver
 from twin_diagram.planning.mpc.trajectory import Trajectory
-from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, OptimiserTuning, Problem
+from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, OptimiserTuning, PlanProblem
 from twin_diagram.planning.paths.guide import TUNING as GUIDE
 from twin_diagram.planning.paths.guide import Guide, GuideSettings, Question, together
 from twin_diagram.planning.paths.inverse_kinematics import IkTuning
@@ -221,7 +221,7 @@ class MotionPlanner:
         out = way_out(self.scene, self.router.lifted, situation, self.limits.velocity)
         if out is not None:
             reference, margins = out.at(samples), without(margins, proved_wrong(situation))
-        problem = Problem(now, q0, v0, a0, reference, around, margins, fallback, self._torque(memory, now, arm))
+        problem = PlanProblem(now, q0, v0, a0, reference, around, margins, fallback, self._torque(memory, now, arm))
         tries = stands and out is None and memory.tick % self._every == 0
         solve = self.optimiser.solve_moving_on if tries else self.optimiser.solve
         outcome = solve(problem, guess)

@@ -71,7 +71,7 @@ class OptimiserTuning:
     """A plan may lack this much more of the margins than the one before and be taken [m·s]: the solver's noise."""
 
 
-class Problem(NamedTuple):
+class PlanProblem(NamedTuple):
     """What one plan is asked for; M samples, B bodies.
 
     Attributes:
@@ -170,7 +170,7 @@ class Optimiser:
         self._limited = Rows.of_joints(limited, np.zeros((len(limited), n)), np.zeros((len(limited), n)))
         self._program = MotionProgram(price, self._V[-1], t.slack * self.fading, t.slack_square * self.fading)
 
-    def solve(self, problem: Problem, guess: Array) -> Optimum:
+    def solve(self, problem: PlanProblem, guess: Array) -> Optimum:
         """Optimise one plan.
 
         Args:
@@ -211,7 +211,7 @@ class Optimiser:
         plan = Trajectory(problem.start, self.step, problem.q0, problem.v0, knots)
         return Optimum(plan, violation, solved)
 
-    def solve_moving_on(self, problem: Problem, guess: Array) -> Optimum:
+    def solve_moving_on(self, problem: PlanProblem, guess: Array) -> Optimum:
         """Optimise as `solve` does, with a guess that stands though the reference leads on.
 
         About where it stands, what is before the arm bars the way around it, too. Where the plan is clear of all and
