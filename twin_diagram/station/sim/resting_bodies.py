@@ -27,9 +27,10 @@ Flags = npt.NDArray[np.bool_]
 class Tuning:
     """Constants of this module, with their units and what set them."""
 
-    moved: float = 1.5e-3
-    """No point of a body at rest has gone farther in `still` [m]: of heaps of five what leans creeps by 1.2, the rest
-    by less. Speeds tell less: the solver has what rests tremble at 1 to 3 mm/s, by micrometres."""
+    moved: float = 3e-3
+    """No point of a body at rest has gone farther in `still` [m]: of a heap of five what leans creeps by 1.2 to 2.4, by
+    how the solver smooths friction. Speeds tell less: what rests trembles at 1 to 3 mm/s, by micrometres. Other engines
+    hold what is slower than 10 mm/s."""
 
     still: float = 0.5
     """As long it has been at rest before it is locked [s]: what stands on an edge goes a hundred times farther from it
