@@ -21,7 +21,7 @@ from twin_diagram.gap.correction import add_effects
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.report import page
 from twin_diagram.gap.residuals.prepared_logs import Records, prepare
-from twin_diagram.gap.whole_robot import few_or_whole
+from twin_diagram.gap.whole_robot import contacts, few_or_whole, lagging_torque
 from twin_diagram.gap.workflow import Gap, run_gap
 from twin_diagram.logs import Log, read_log, write_log
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, register
@@ -73,11 +73,11 @@ def test_fitted_logs_are_prepared_once(
         prepared.append(tuple(log.source for log in logs))
         return prepare(model, logs)
 
-    for module in (workflow, naming, add_effects):
+    for module in (contacts, lagging_torque, naming, add_effects):
         monkeypatch.setattr(module, "prepare", counted)
     gap = run_gap(model, [fit, other], held)
     assert gap.corrected is not gap.given
-    assert [len(logs) for logs in prepared] == [2]
+    assert [len(logs) for logs in prepared] == [2, 1], "and what is held out once, for contacts in it"
 
 
 def test_finds_what_is_missing(found: tuple[Gap, Path]) -> None:
