@@ -63,7 +63,7 @@ def add_task(
     check_places(twin.task, library, given_solids(twin.arm, twin.fixtures, packages))
     described = scene.default_positions[scene.gripper_position_index]
     hand = hand_shape(scene.plant, scene.scene_graph, scene.arm)
-    fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described, scene.followers.widening, hand.palm)
+    fingers = Fingers.of(scene.plant, scene.arm, described, scene.followers.widening, hand.palm)
     known = next((one for one in SHIPPED.values() if one.frame == twin.arm.tool_frame), None)
     gripper = known or gripper_of_shape(hand, f"{Path(twin.arm.model).stem}_hand", twin.arm.tool_frame or "tool")
     runner = builder.AddNamedSystem("task_runner", TaskRunner(model, twin, library, fingers, gripper))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, PrismaticJoint
+from pydrake.multibody.tree import PrismaticJoint
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram.errors import ScenarioError
@@ -73,7 +72,9 @@ def held_back(desired: Array, position: Array, reach: Array) -> Array:
     return np.concatenate([position + np.minimum(np.maximum(off, -reach), reach), np.where(back, 0.0, desired[g:])])
 
 
-def pressing(desired: Array, closed: Array, inward: Array, reach: Array) -> Array:
+def pressing(
+    desired: Array, closed: Array, inward: Array, reach: Array, meeting: Array | float = TUNING.meeting
+) -> Array:
     """Return fingers' desired state with springs wound up in full where they are told to close all the way.
 
     A spring alone presses a thin thing less than a wide one: between fingers told to meet, a wall of 6 mm by 6 N.
@@ -83,20 +84,26 @@ def pressing(desired: Array, closed: Array, inward: Array, reach: Array) -> Arra
         closed: (g,) where they meet [m].
         inward: (g,) sign of the way there.
         reach: (g,) as `held_back`.
+        meeting: so near to where they meet they begin to press.
 
     Returns:
         (2g,), beyond where they meet by up to `reach`, the nearer to there the more.
     """
     g = len(closed)
-    left = np.minimum(np.maximum(inward * (closed - desired[:g]) / TUNING.meeting, 0.0), 1.0)
+    left = np.minimum(np.maximum(inward * (closed - desired[:g]) / meeting, 0.0), 1.0)
     return np.concatenate([desired[:g] + inward * (1.0 - left) * reach, desired[g:]])
 
 
-def _meeting(fingers: Sequence[Joint]) -> tuple[Array, Array]:
-    """Return where fingers meet (g,) [m], the end of their travel nearer to zero, and the sign of the way there (g,).
+def _meeting(arm: ArmPlant) -> tuple[Array, Array]:
+    """Return where driven fingers meet (k,) [m or rad], and the sign of the way there (k,).
 
-    The sign is 0 for one that turns, or that has no such end.
+    Fingers that slide meet at the end of their travel that is nearer to zero. The sign is 0 for one that turns, if
+    nobody knows its travel, or that has no such end.
     """
+    fingers = [arm.fingers[k] for k in arm.driven]
+    if arm.travel is not None:
+        closed = arm.travel.closed[arm.driven]
+        return closed, np.sign(closed - arm.travel.opened[arm.driven])
     closed, inward = np.zeros(len(fingers)), np.zeros(len(fingers))
     for k, finger in enumerate(fingers):
         if isinstance(finger, PrismaticJoint):
@@ -198,7 +205,7 @@ class ArmDriver(LeafSystem):
         self._fingers = self.DeclareVectorInputPort("gripper_commanded", g) if g else None
         self._force = self.DeclareVectorInputPort("gripper_force_limit", 1) if g else None
         self._driven, self._finger_stiffness = driven, arm.stiffness[n:]
-        self._meeting = _meeting([arm.fingers[k] for k in arm.driven])
+        self._meeting, self._travel, self._turned = _meeting(arm), arm.travel, arm.driven
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
         state = self.DeclareDiscreteState(np.concatenate([arm.q0, np.zeros(self._m)]))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
@@ -247,10 +254,16 @@ class ArmDriver(LeafSystem):
         desired = context.get_discrete_state_vector().value()[self._finger_part]
         limit = self._force_limit(context)
         if np.isfinite(limit):
-            reach = limit / self._finger_stiffness
-            desired = pressing(desired, *self._meeting, reach)
-            desired = held_back(desired, self._motor.Eval(context)[self._driven], reach)
+            motors = self._motor.Eval(context)
+            lever = self._levers(motors[self._n : self._m])
+            reach = limit * lever / self._finger_stiffness
+            desired = pressing(desired, *self._meeting, reach, TUNING.meeting / lever)
+            desired = held_back(desired, motors[self._driven], reach)
         output.SetFromVector(desired)
+
+    def _levers(self, fingers: Array) -> Array:
+        """Return what torque of each driven finger is one newton between the pads (k,) [m]; 1 of those that slide."""
+        return np.ones(len(self._turned)) if self._travel is None else self._travel.lever(fingers)[self._turned]
 
     def _force_limit(self, context: Context) -> float:
         """Return the greatest force of each finger that has a motor [N]; infinite where none is told."""

@@ -89,18 +89,18 @@ def couple_fingers(plant: MultibodyPlant, fingers: Sequence[Joint]) -> None:
 
 
 def touch_by_surfaces(
-    plant: MultibodyPlant, scene_graph: SceneGraph, fingers: Sequence[Joint], objects: Iterable[RigidBody]
+    plant: MultibodyPlant, scene_graph: SceneGraph, fingers: Iterable[RigidBody], objects: Iterable[RigidBody]
 ) -> None:
     """Let the fingers' pads and objects meet in patches; after the plant is finalized.
 
     Args:
         plant: of the world.
         scene_graph: its geometry; proximity properties of the shapes concerned are replaced.
-        fingers: joints of the gripper.
+        fingers: bodies that move with the gripper's joints.
         objects: bodies that can be held.
     """
     for finger in fingers:
-        shapes = plant.GetCollisionGeometriesForBody(finger.child_body())
+        shapes = plant.GetCollisionGeometriesForBody(finger)
         if not any(_told(scene_graph, shape) for shape in shapes):
             for shape in shapes:
                 _make_compliant(plant, scene_graph, shape)
