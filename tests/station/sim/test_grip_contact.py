@@ -12,9 +12,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
 
+from tests.station.sim.linkage_hand import FRAME, SHUT, X_FG, linkage_hand, opening
 from twin_diagram.planning.tasks.step_ends import TUNING as STEP_ENDS
 from twin_diagram.runs.true_clearance import TrueClearance
-from twin_diagram.scenario import Scenario, WorldObject, load_scenario
+from twin_diagram.scenario import Pose, Scenario, WorldObject, load_scenario
 from twin_diagram.station import ports
 from twin_diagram.station.sim.driver import held_back
 from twin_diagram.station.sim.grip_contact import couple_fingers
@@ -115,6 +116,43 @@ def hold(
     ]
     opening = sum(abs(finger.get_translation(inside)) for finger in station.world.arm.fingers)
     return Held(moved, turned, in_hand().translation()[2] > 0.1, contacts, min(forces, default=0.0), opening)
+
+
+def test_a_hand_that_a_linkage_carries_presses_with_the_force_it_is_told(tmp_path: Path) -> None:
+    """As much as fingers that slide, of a narrow box and of a wide one: torque by the linkage's lever."""
+    for width in (0.03, 0.06):
+        scenario = plan(tmp_path, "arms/panda_hand.urdf", 0.0025, width)
+        arm = replace(scenario.twin.arm, model=str(linkage_hand(tmp_path)), tool_frame=FRAME)
+        arm.X_FG = Pose(translation=list(X_FG))
+        world, twin = replace(scenario.world, arm=arm), replace(scenario.twin, arm=arm)
+        station = SimStation(replace(scenario, world=world, twin=twin))
+        simulator = Simulator(station)
+        context = simulator.get_mutable_context()
+        plant = station.world.plant
+        inside = plant.GetMyMutableContextFromRoot(context)
+        angles = np.linspace(0.0, SHUT, 1000)
+        angle = float(np.interp(-width, -opening(angles), angles))
+        for side in ("left", "right"):
+            for joint, way in (("bar", 1.0), ("finger", -1.0)):
+                plant.GetJointByName(f"{side}_{joint}_joint").set_angle(inside, way * angle)  # type: ignore[attr-defined]
+        tool = plant.get_frame(station.world.arm.arm.tool_frame)
+        box = plant.get_body(station.world.objects["box"])
+        plant.SetFreeBodyPose(inside, box, tool.CalcPoseInWorld(inside) @ RigidTransform([0.0, 0.0, -0.01]))
+        station.GetInputPort(ports.GRIPPER_COMMANDED).FixValue(context, [SHUT])
+        station.GetInputPort(ports.GRIPPER_FORCE_LIMIT).FixValue(context, [30.0])
+        box.Lock(inside)  # until the driver, which starts with the hand open, has come to it
+        simulator.AdvanceTo(0.6)
+        box.Unlock(inside)
+        taken = tool.CalcPoseInWorld(inside).inverse() @ plant.EvalBodyPoseInWorld(inside, box)
+        simulator.AdvanceTo(1.5)
+        since = taken.inverse() @ (tool.CalcPoseInWorld(inside).inverse() @ plant.EvalBodyPoseInWorld(inside, box))
+        assert np.linalg.norm(since.translation()) < 1e-3
+        results = station.GetOutputPort(ports.CONTACT_RESULTS).Eval(context)
+        closing = tool.CalcPoseInWorld(inside).rotation().matrix()[:, 1]
+        pads = range(results.num_hydroelastic_contacts())
+        forces = [abs(closing @ results.hydroelastic_contact_info(i).F_Ac_W().translational()) for i in pads]
+        assert len(forces) == 2
+        np.testing.assert_allclose(forces, 30.0, rtol=0.05)
 
 
 def test_a_box_is_held_off_its_centre(tmp_path: Path) -> None:
