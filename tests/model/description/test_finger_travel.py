@@ -9,7 +9,7 @@ import pytest
 
 from tests.station.sim.linkage_hand import FRAME, SHUT, X_FG, linkage_hand, opening
 from twin_diagram.errors import ModelError
-from twin_diagram.model.description.finger_travel import described_travel
+from twin_diagram.model.description.finger_travel import FingerTravel, travel_of
 from twin_diagram.planning.collision.ball_cover import arm_plant
 from twin_diagram.planning.collision.between_fingers import between_fingers, refuse_turning
 from twin_diagram.planning.collision.hand_shape import hand_shape
@@ -22,9 +22,14 @@ def told(model: Path) -> ArmModel:
     return ArmModel(model=str(model), tool_frame=FRAME, X_FG=Pose(translation=list(X_FG)))
 
 
+def described(spec: ArmModel) -> FingerTravel | None:
+    plant, _, arm, _keep = arm_plant(spec)
+    return travel_of(plant, arm)
+
+
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_the_opening_is_that_of_the_bars(tmp_path: Path, mirrored: bool) -> None:
-    travel = described_travel(told(linkage_hand(tmp_path, mirrored=mirrored)), {})
+    travel = described(told(linkage_hand(tmp_path, mirrored=mirrored)))
     assert travel is not None
     way = -1.0 if mirrored else 1.0
     np.testing.assert_array_equal([travel.closed, travel.opened], [[way * SHUT], [0.0]])
@@ -66,11 +71,11 @@ def test_a_linkage_makes_a_gripper_and_what_fingers_sweep_counts(tmp_path: Path)
 
 def test_pads_that_turn_are_refused(tmp_path: Path) -> None:
     spec = told(linkage_hand(tmp_path, parallel=False))
-    assert described_travel(spec, {}) is None
+    assert described(spec) is None
     plant, _, arm, _keep = arm_plant(spec)
     with pytest.raises(ModelError, match="left_bar_joint turns its fingers' pads; a pick needs pads that are carried"):
         refuse_turning(plant, arm)
 
 
 def test_fingers_that_slide_need_none_of_it() -> None:
-    assert described_travel(ArmModel(model="arms/panda_hand.urdf", tool_frame="panda_tcp"), {}) is None
+    assert described(ArmModel(model="arms/panda_hand.urdf", tool_frame="panda_tcp")) is None

@@ -17,7 +17,8 @@ FRAME, X_FG = "panda_hand", (0.0, 0.0, 0.1525)
 
 SIDE = """
 <link name="{name}_bar"><inertial><mass value="0.05"/>
-<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry>{bar}</geometry></collision></link>
 <joint name="{name}_bar_joint" type="revolute"><parent link="panda_hand"/><child link="{name}_bar"/>
 <origin xyz="0 {y} 0.0584"/><axis xyz="{s} 0 0"/>
 <limit lower="{low}" upper="{high}" effort="20" velocity="3"/>{led}</joint>
@@ -27,9 +28,11 @@ SIDE = """
 <origin xyz="0 {y} 0.04"/><axis xyz="{s} 0 0"/><limit lower="-2" upper="2" effort="20" velocity="3"/>{back}</joint>
 <link name="{name}_pad"><inertial><mass value="0.02"/>
 <inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial>
-<collision><origin xyz="0 {inwards} 0.03"/><geometry><box size="0.02 0.0146 0.05"/></geometry></collision></link>
+<collision><origin xyz="0 {inwards} 0.03"/><geometry>{pad}</geometry></collision></link>
 <joint name="{name}_pad_joint" type="fixed"><parent link="{name}_finger"/><child link="{name}_pad"/></joint>
 """
+SMALL, LONG = '<box size="0.004 0.004 0.004"/>', '<box size="0.004 0.06 0.12"/>'
+BOX = '<box size="0.02 0.0146 0.05"/>'
 MOTOR = (
     '<transmission name="bars"><type>transmission_interface/SimpleTransmission</type><joint name="left_bar_joint">'
     "<hardwareInterface>EffortJointInterface</hardwareInterface></joint>"
@@ -42,13 +45,17 @@ def opening(angle: Array | float) -> Array:
     return np.asarray(2.0 * BAR * (np.sin(AT_REST - np.asarray(angle)) - np.sin(AT_REST - SHUT)))
 
 
-def linkage_hand(folder: Path, *, parallel: bool = True, mirrored: bool = False) -> Path:
+def linkage_hand(
+    folder: Path, *, parallel: bool = True, mirrored: bool = False, bar: str = SMALL, pad: str = BOX
+) -> Path:
     """Write the description.
 
     Args:
         folder: for it.
         parallel: whether the pads keep their direction.
         mirrored: whether the motor turns the other way: it is shut at its lower, negative end.
+        bar: collision shape of a bar, about its hinge at the palm.
+        pad: and of a pad.
     """
     arms = models_dir() / "arms"
     text = (arms / "panda_hand.urdf").read_text()
@@ -64,7 +71,7 @@ def linkage_hand(folder: Path, *, parallel: bool = True, mirrored: bool = False)
     mimic = '<mimic joint="left_bar_joint" multiplier="{}"/>'.format
     sides = "".join(
         SIDE.format(
-            name=name, s=way * s, y=s * 0.03, inwards=-s * 0.01, low=low, high=high,
+            name=name, s=way * s, y=s * 0.03, inwards=-s * 0.01, bar=bar, pad=pad, low=low, high=high,
             led="" if s > 0 else mimic(1), back=mimic(-1 if parallel else 0.3),
         )
         for name, s in (("left", 1), ("right", -1))

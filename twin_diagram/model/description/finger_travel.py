@@ -13,8 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, RigidBody
 from pydrake.systems.framework import Context
 
-from twin_diagram import scenario
-from twin_diagram.model.description.add_arm import Arm, add_arm
+from twin_diagram.model.description.add_arm import Arm
 from twin_diagram.model.description.followers import Followers
 from twin_diagram.signals.arrays import Array
 
@@ -107,20 +106,6 @@ def travel_of(plant: MultibodyPlant, arm: Arm) -> FingerTravel | None:
     if not (np.diff(openings) > 0.0).all():  # they pass each other, or turn back
         return None
     return FingerTravel(low, high, openings)
-
-
-def described_travel(spec: scenario.ArmModel, packages: dict[str, str]) -> FingerTravel | None:
-    """Return the travel of a described arm's gripper as `travel_of` does, from a plant of its own.
-
-    Raises:
-        ModelError, ScenarioError: the description cannot be read.
-    """
-    plant = MultibodyPlant(0.0)
-    arm = add_arm(plant, spec, packages)
-    if not turns(plant, arm):
-        return None
-    plant.Finalize()
-    return travel_of(plant, arm)
 
 
 def limits(plant: MultibodyPlant, arm: Arm) -> tuple[Array, Array]:

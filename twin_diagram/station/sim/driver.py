@@ -14,6 +14,7 @@ from twin_diagram.scenario import Scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station.add_models import twin_arm
 from twin_diagram.station.sim.arm_plant import ArmPlant
+from twin_diagram.station.sim.linkage import levers
 
 
 @dataclass(frozen=True)
@@ -101,9 +102,10 @@ def _meeting(arm: ArmPlant) -> tuple[Array, Array]:
     nobody knows its travel, or that has no such end.
     """
     fingers = [arm.fingers[k] for k in arm.driven]
-    if arm.travel is not None:
-        closed = arm.travel.closed[arm.driven]
-        return closed, np.sign(closed - arm.travel.opened[arm.driven])
+    travel = None if arm.linkage is None else arm.linkage.travel
+    if travel is not None:
+        closed = travel.closed[arm.driven]
+        return closed, np.sign(closed - travel.opened[arm.driven])
     closed, inward = np.zeros(len(fingers)), np.zeros(len(fingers))
     for k, finger in enumerate(fingers):
         if isinstance(finger, PrismaticJoint):
@@ -205,7 +207,7 @@ class ArmDriver(LeafSystem):
         self._fingers = self.DeclareVectorInputPort("gripper_commanded", g) if g else None
         self._force = self.DeclareVectorInputPort("gripper_force_limit", 1) if g else None
         self._driven, self._finger_stiffness = driven, arm.stiffness[n:]
-        self._meeting, self._travel, self._turned = _meeting(arm), arm.travel, arm.driven
+        self._meeting, self._linkage, self._own = _meeting(arm), arm.linkage, arm.driven
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
         state = self.DeclareDiscreteState(np.concatenate([arm.q0, np.zeros(self._m)]))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
@@ -255,15 +257,11 @@ class ArmDriver(LeafSystem):
         limit = self._force_limit(context)
         if np.isfinite(limit):
             motors = self._motor.Eval(context)
-            lever = self._levers(motors[self._n : self._m])
+            lever = levers(self._linkage, motors[self._n : self._m], self._own)
             reach = limit * lever / self._finger_stiffness
             desired = pressing(desired, *self._meeting, reach, TUNING.meeting / lever)
             desired = held_back(desired, motors[self._driven], reach)
         output.SetFromVector(desired)
-
-    def _levers(self, fingers: Array) -> Array:
-        """Return what torque of each driven finger is one newton between the pads (k,) [m]; 1 of those that slide."""
-        return np.ones(len(self._turned)) if self._travel is None else self._travel.lever(fingers)[self._turned]
 
     def _force_limit(self, context: Context) -> float:
         """Return the greatest force of each finger that has a motor [N]; infinite where none is told."""

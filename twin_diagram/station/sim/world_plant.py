@@ -25,6 +25,7 @@ from twin_diagram.station.add_models import add_model, transform
 from twin_diagram.station.sim.arm_plant import ArmPlant, add_arm
 from twin_diagram.station.sim.floors import bound_floors
 from twin_diagram.station.sim.grip_contact import make_gripping, rub, touch_by_surfaces
+from twin_diagram.station.sim.linkage import let_hinges_turn
 from twin_diagram.station.sim.merged_shapes import merge_shapes
 from twin_diagram.station.sim.movers import Path, add_carriage
 
@@ -102,6 +103,8 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
                 raise ScenarioError(f"world.objects.{name}.friction", f"{spec.friction} is no coefficient of friction")
             rub(plant, scene_graph, body, spec.friction)
     touch_by_surfaces(plant, scene_graph, moving_bodies(plant, world.arm.arm), objects)
+    if world.arm.linkage is not None:
+        let_hinges_turn(plant, scene_graph, world.arm.arm, world.arm.linkage)
     return world
 
 
