@@ -18,8 +18,8 @@ from twin_diagram.planning.collision.between_fingers import refuse_elsewhere, re
 from twin_diagram.planning.collision.geometry_to_solids import given_solids
 from twin_diagram.planning.collision.hand_shape import hand_shape
 from twin_diagram.planning.grasps.gripper import SHIPPED
+from twin_diagram.planning.grasps.own_gripper import gripper_of_shape
 from twin_diagram.planning.preview import Preview
-from twin_diagram.planning.tasks.own_gripper import gripper_of_shape
 from twin_diagram.planning.tasks.place_goals import check_places
 from twin_diagram.planning.tasks.task_system import Fingers, TaskRunner
 from twin_diagram.scenario import poses

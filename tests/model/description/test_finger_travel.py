@@ -13,7 +13,7 @@ from twin_diagram.model.description.finger_travel import FingerTravel, travel_of
 from twin_diagram.planning.collision.ball_cover import arm_plant
 from twin_diagram.planning.collision.between_fingers import between_fingers, refuse_turning
 from twin_diagram.planning.collision.hand_shape import hand_shape
-from twin_diagram.planning.tasks.own_gripper import gripper_of_shape
+from twin_diagram.planning.grasps.own_gripper import gripper_of_shape
 from twin_diagram.planning.tasks.task_system import Fingers
 from twin_diagram.scenario import ArmModel, Pose
 
@@ -44,7 +44,8 @@ def test_fingers_know_their_opening_and_speed(tmp_path: Path) -> None:
     plant, _, arm, _keep = arm_plant(told(linkage_hand(tmp_path)))
     fingers = Fingers.of(plant, arm, np.zeros(1))
     assert fingers.widest == pytest.approx(float(opening(0.0)), abs=1e-9)
-    assert fingers.opening(fingers.at(0.0)) == 0.0
+    for share in (0.0, 0.3, 1.0):
+        assert fingers.opening(fingers.at(share)) == pytest.approx(share * fingers.widest, abs=1e-12)
     at = np.array([0.4])
     moved = float(opening(0.4) - opening(0.4 + 1e-5)) / 1e-5 / 2.0  # of one finger, at 1 rad/s
     assert fingers.fastest(at, np.ones(1)) == pytest.approx(moved, rel=0.02)

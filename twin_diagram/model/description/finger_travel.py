@@ -56,6 +56,10 @@ class FingerTravel:
         """Return the opening at positions (g,) [m]."""
         return float(np.interp(self.share(positions), np.linspace(0.0, 1.0, len(self.openings)), self.openings))
 
+    def share_of(self, opening: float) -> float:
+        """Return by which share of their travel the joints are opened where the pads are so far apart [m]."""
+        return float(np.interp(opening, self.openings, np.linspace(0.0, 1.0, len(self.openings))))
+
     def lever(self, positions: Array) -> Array:
         """Return by how much the opening grows with each joint (g,), all others following [m/rad], at positions (g,).
 

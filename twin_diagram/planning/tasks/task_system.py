@@ -103,8 +103,12 @@ class Fingers:
         return float(np.abs(levers * rates).max(initial=0.0))
 
     def at(self, share: float) -> Array:
-        """Return positions (g,) [m or rad] opened by a share of the travel; where it is negative, as described."""
-        return self.described if share < 0.0 else self.closed + share * (self.opened - self.closed)
+        """Return positions (g,) [m or rad] opened by a share of the widest; where it is negative, as described."""
+        if share < 0.0:
+            return self.described
+        if self.travel is not None:
+            share = self.travel.share_of(share * self.widest)
+        return self.closed + share * (self.opened - self.closed)
 
 
 def shape_grasps(asset: Asset, gripper: Gripper | None) -> ShapeGrasps:

@@ -170,8 +170,8 @@ class ArmDriver(LeafSystem):
     The fingers' springs are wound up no further than `gripper_force_limit` allows: what is held is pressed with that
     force from each side, whatever its width, by fingers that are told to close all the way.
 
-    Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m],
-    `gripper_force_limit` (1) of each finger [N], `motor_state`
+    Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m], or
+    [rad] where they turn, `gripper_force_limit` (1) of each finger [N], `motor_state`
     (2(n + g)) the motors' positions, as encoders without noise would read them, then speeds; `torque` (n) feed-forward
     [N·m], `desired_state` (2n) and `gripper_desired_state` (2 per driven finger) of the plant's controllers. State: the
     filter's (2(n + g)). Rate: the plant's.

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
+from pydrake.math import RollPitchYaw, RotationMatrix
 
-from twin_diagram.planning.collision.hand_shape import HandHulls, sides
+from twin_diagram.planning.collision.ball_cover import arm_plant
+from twin_diagram.planning.collision.between_fingers import between_fingers, refuse_turning, told_in
+from twin_diagram.planning.collision.hand_shape import HandHulls, hand_shape, sides
 from twin_diagram.planning.grasps.gripper import Gripper, GripperError
+from twin_diagram.scenario import ArmModel, Pose
 from twin_diagram.signals.arrays import Array
 
 
@@ -91,6 +97,33 @@ def gripper_of_shape(shape: HandHulls, name: str, frame: str) -> Gripper | None:
         )
     except GripperError:  # fingers that cross, or end in the palm: nothing that grasps could be sought for
         return None
+
+
+def gripper_of_description(path: Path) -> Gripper:
+    """Return the gripper at the end of an arm, by the collision shapes of its description (URDF, SDF or MJCF).
+
+    Its frame G lies between the finger tips, by a frame that the description names, or by the last link.
+
+    Raises:
+        GripperError: no two fingers move apart there, or their shapes make none.
+        ModelError: the description cannot be read, or its pads turn as the hand closes.
+    """
+    plant, scene_graph, arm, _keep = arm_plant(ArmModel(model=str(path), tool_frame=""))
+    X_LG = between_fingers(plant, scene_graph, arm)
+    if X_LG is None:
+        raise GripperError(
+            f"{path}: no two fingers with collision shapes move apart at the end of an arm; give a description of arm "
+            "and hand, or a YAML file with the gripper's figures"
+        )
+    refuse_turning(plant, arm)
+    last = plant.get_body(arm.last_link).name()
+    turn = RollPitchYaw(RotationMatrix.ProjectToRotationMatrix(cast(Any, X_LG[:3, :3]))).vector()
+    where = Pose([float(x) for x in X_LG[:3, 3]], [float(x) for x in turn])
+    plant, scene_graph, arm, _keep = arm_plant(ArmModel(model=str(path), tool_frame=last, X_FG=where))
+    found = gripper_of_shape(hand_shape(plant, scene_graph, arm), f"{path.stem}_hand", f"{last}, {told_in(X_LG)}")
+    if found is None:
+        raise GripperError(f"{path}: its fingers' shapes make no gripper; give a YAML file with the gripper's figures")
+    return found
 
 
 def _near_tip(side: list[Array], sign: float) -> Array:
