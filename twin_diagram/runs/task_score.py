@@ -9,7 +9,7 @@ from typing import Any, Final, cast
 import numpy as np
 from pydrake.systems.framework import Context
 
-from twin_diagram.model.description.followers import Followers
+from twin_diagram.model.description.finger_travel import moving_bodies
 from twin_diagram.planning.tasks.bearing import upon_middle
 from twin_diagram.planning.tasks.step_state import Phase, Step, TaskState, steps_of
 from twin_diagram.runs.score import rotation_angle
@@ -77,7 +77,7 @@ class TaskScore:
         bodies = [int(body) for instance in arm.instances for body in plant.GetBodyIndices(instance)]
         self._parts: Final = Parts(
             frozenset(bodies),
-            frozenset(int(finger.child_body().index()) for finger in Followers.gripping(plant, arm)),
+            frozenset(int(body.index()) for body in moving_bodies(plant, arm)),
             {name: int(index) for name, index in world.objects.items()},
             frozenset([0, *(int(index) for index in world.fixtures)]),
         )

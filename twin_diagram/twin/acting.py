@@ -18,8 +18,8 @@ from twin_diagram.planning.collision.between_fingers import refuse_elsewhere, re
 from twin_diagram.planning.collision.geometry_to_solids import given_solids
 from twin_diagram.planning.collision.hand_shape import hand_shape
 from twin_diagram.planning.grasps.gripper import SHIPPED
+from twin_diagram.planning.grasps.own_gripper import gripper_of_shape
 from twin_diagram.planning.preview import Preview
-from twin_diagram.planning.tasks.own_gripper import gripper_of_shape
 from twin_diagram.planning.tasks.place_goals import check_places
 from twin_diagram.planning.tasks.task_system import Fingers, TaskRunner
 from twin_diagram.scenario import poses
@@ -63,7 +63,7 @@ def add_task(
     check_places(twin.task, library, given_solids(twin.arm, twin.fixtures, packages))
     described = scene.default_positions[scene.gripper_position_index]
     hand = hand_shape(scene.plant, scene.scene_graph, scene.arm)
-    fingers = Fingers.of(scene.plant, scene.arm.gripper_joint_indices, described, scene.followers.widening, hand.palm)
+    fingers = Fingers.of(scene.plant, scene.arm, described, scene.followers.widening, hand.palm)
     known = next((one for one in SHIPPED.values() if one.frame == twin.arm.tool_frame), None)
     gripper = known or gripper_of_shape(hand, f"{Path(twin.arm.model).stem}_hand", twin.arm.tool_frame or "tool")
     runner = builder.AddNamedSystem("task_runner", TaskRunner(model, twin, library, fingers, gripper))

@@ -99,8 +99,7 @@ def test_the_twin_shows_a_finger_that_follows_and_knows_how_wide_the_hand_opens(
     positions[scene.gripper_position_index] = 0.03
     scene.followers.follow(positions)
     assert positions[scene.plant.GetJointByName("panda_finger_joint2").position_start()] == 0.03
-    joints, widening = scene.arm.gripper_joint_indices, scene.followers.widening
-    fingers = Fingers.of(scene.plant, joints, np.zeros(1), widening)
+    fingers = Fingers.of(scene.plant, scene.arm, np.zeros(1), scene.followers.widening)
     assert fingers.widest == pytest.approx(0.08) and fingers.opening(np.array([0.03])) == pytest.approx(0.06)
 
 

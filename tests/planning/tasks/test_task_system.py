@@ -188,7 +188,7 @@ def test_fingers_meet_where_they_have_no_travel_left(arm: str, widest: float) ->
     made = add_arm(plant, scenario.ArmModel(model=arm, tool_frame=""))
     plant.Finalize()
     described = np.full(len(made.gripper_joint_indices), 0.011)
-    fingers = Fingers.of(plant, made.gripper_joint_indices, described)
+    fingers = Fingers.of(plant, made, described)
     assert fingers.widest == pytest.approx(widest)
     assert fingers.opening(fingers.at(0.0)) == 0.0
     assert fingers.opening(fingers.at(0.5)) == pytest.approx(0.5 * widest)

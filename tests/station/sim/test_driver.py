@@ -86,6 +86,7 @@ def driver() -> ArmDriver:
         driven=[1, 2],
         q0=Q0,
         stiffness=np.array([600.0, 250.0, 2000.0, 1000.0]),
+        linkage=None,
     )
     return ArmDriver(arm, Weight(), DT)  # type: ignore[arg-type]
 
@@ -159,7 +160,9 @@ def test_fingers_springs_are_wound_up_to_the_force_limit(limit: float, wanted: l
 
 
 def test_a_driver_of_another_arm_is_refused() -> None:
-    arm = SimpleNamespace(joints=[joint(-1.0, 1.0)], fingers=[], driven=[], q0=np.zeros(1), stiffness=np.ones(1))
+    arm = SimpleNamespace(
+        joints=[joint(-1.0, 1.0)], fingers=[], driven=[], q0=np.zeros(1), stiffness=np.ones(1), linkage=None
+    )
     with pytest.raises(ScenarioError, match=r"twin\.arm\.model: has 2 joints where world\.arm has 1"):
         ArmDriver(arm, Weight(2), DT)  # type: ignore[arg-type]
     assert ArmDriver(arm, Weight(1), DT).num_input_ports() == 3  # type: ignore[arg-type]

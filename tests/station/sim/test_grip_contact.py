@@ -7,18 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from pydrake.geometry import Convex
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
 
+from tests.station.sim.linkage_hand import FRAME, LONG, SHUT, X_FG, linkage_hand, opening
 from twin_diagram.planning.tasks.step_ends import TUNING as STEP_ENDS
 from twin_diagram.runs.true_clearance import TrueClearance
-from twin_diagram.scenario import Scenario, WorldObject, load_scenario
+from twin_diagram.scenario import ArmModel, Pose, Scenario, WorldObject, load_scenario
 from twin_diagram.station import ports
 from twin_diagram.station.sim.driver import held_back
-from twin_diagram.station.sim.grip_contact import couple_fingers
+from twin_diagram.station.sim.grip_contact import COMPLIANCE, couple_fingers
+from twin_diagram.station.sim.linkage import linkage_of
 from twin_diagram.station.sim.station import SimStation
+from twin_diagram.station.sim.world_plant import WorldPlant, build_world
 
 MASS, FRICTION, PAD = 0.5, 0.6, 0.9
 SIZE = (0.09, 0.06, 0.06)
@@ -115,6 +121,76 @@ def hold(
     ]
     opening = sum(abs(finger.get_translation(inside)) for finger in station.world.arm.fingers)
     return Held(moved, turned, in_hand().translation()[2] > 0.1, contacts, min(forces, default=0.0), opening)
+
+
+def test_a_hand_that_a_linkage_carries_presses_with_the_force_it_is_told(tmp_path: Path) -> None:
+    """As much as fingers that slide, of a narrow box and of a wide one: torque by the linkage's lever."""
+    for width in (0.03, 0.06):
+        scenario = plan(tmp_path, "arms/panda_hand.urdf", 0.0025, width)
+        arm = replace(scenario.twin.arm, model=str(linkage_hand(tmp_path)), tool_frame=FRAME)
+        arm.X_FG = Pose(translation=list(X_FG))
+        world, twin = replace(scenario.world, arm=arm), replace(scenario.twin, arm=arm)
+        station = SimStation(replace(scenario, world=world, twin=twin))
+        simulator = Simulator(station)
+        context = simulator.get_mutable_context()
+        plant = station.world.plant
+        inside = plant.GetMyMutableContextFromRoot(context)
+        angles = np.linspace(0.0, SHUT, 1000)
+        angle = float(np.interp(-width, -opening(angles), angles))
+        for side in ("left", "right"):
+            for joint, way in (("bar", 1.0), ("finger", -1.0)):
+                plant.GetJointByName(f"{side}_{joint}_joint").set_angle(inside, way * angle)  # type: ignore[attr-defined]
+        tool = plant.get_frame(station.world.arm.arm.tool_frame)
+        box = plant.get_body(station.world.objects["box"])
+        plant.SetFreeBodyPose(inside, box, tool.CalcPoseInWorld(inside) @ RigidTransform([0.0, 0.0, -0.01]))
+        station.GetInputPort(ports.GRIPPER_COMMANDED).FixValue(context, [SHUT])
+        station.GetInputPort(ports.GRIPPER_FORCE_LIMIT).FixValue(context, [30.0])
+        box.Lock(inside)  # until the driver, which starts with the hand open, has come to it
+        simulator.AdvanceTo(0.6)
+        box.Unlock(inside)
+        taken = tool.CalcPoseInWorld(inside).inverse() @ plant.EvalBodyPoseInWorld(inside, box)
+        simulator.AdvanceTo(1.5)
+        since = taken.inverse() @ (tool.CalcPoseInWorld(inside).inverse() @ plant.EvalBodyPoseInWorld(inside, box))
+        assert np.linalg.norm(since.translation()) < 1e-3
+        results = station.GetOutputPort(ports.CONTACT_RESULTS).Eval(context)
+        closing = tool.CalcPoseInWorld(inside).rotation().matrix()[:, 1]
+        pads = range(results.num_hydroelastic_contacts())
+        forces = [abs(closing @ results.hydroelastic_contact_info(i).F_Ac_W().translational()) for i in pads]
+        assert len(forces) == 2
+        np.testing.assert_allclose(forces, 30.0, rtol=0.05)
+
+
+def linkage_world(folder: Path, **shapes: str) -> WorldPlant:
+    arm = ArmModel(model=str(linkage_hand(folder, **shapes)), tool_frame=FRAME)  # type: ignore[arg-type]
+    scenario = plan(folder, "arms/panda_hand.urdf", 0.0025, 0.03)
+    both = replace(scenario.world, arm=arm), replace(scenario.twin, arm=arm)
+    return build_world(DiagramBuilder(), replace(scenario, world=both[0], twin=both[1]))
+
+
+def test_what_a_linkage_hinges_passes_through_each_other(tmp_path: Path) -> None:
+    """Bars whose shapes reach into the pads that they carry jammed the hand; pads of both sides still meet."""
+    linkage = linkage_of(ArmModel(model=str(linkage_hand(tmp_path, bar=LONG)), tool_frame=FRAME), {})
+    assert linkage is not None and linkage.travel is not None and len(linkage.hinged) >= 2
+    world = linkage_world(tmp_path, bar=LONG)
+    inspector, shape = world.scene_graph.model_inspector(), {}
+    for name in ("left_bar", "right_bar", "left_pad", "right_pad"):
+        shape[name] = world.plant.GetCollisionGeometriesForBody(world.plant.GetBodyByName(name))[0]
+    for side in ("left", "right"):
+        assert inspector.CollisionFiltered(shape[f"{side}_bar"], shape[f"{side}_pad"])
+    assert not inspector.CollisionFiltered(shape["left_bar"], shape["right_pad"])
+
+
+def test_a_finger_that_is_drawn_as_a_mesh_is_as_soft_as_a_box(tmp_path: Path) -> None:
+    """Its hull is: by points alone a can swung by 17 mm between an xArm's fingers."""
+    trimesh.creation.box((0.02, 0.0146, 0.05)).export(tmp_path / "pad.obj")
+    world = linkage_world(tmp_path, pad='<mesh filename="pad.obj"/>')
+    pads = [world.plant.GetBodyByName(f"{side}_pad") for side in ("left", "right")]
+    shapes = [shape for pad in pads for shape in world.plant.GetCollisionGeometriesForBody(pad)]
+    assert len(shapes) == 2
+    inspector = world.scene_graph.model_inspector()
+    for shape in shapes:
+        assert isinstance(inspector.GetShape(shape), Convex)
+        assert inspector.GetProximityProperties(shape).HasProperty(*COMPLIANCE)
 
 
 def test_a_box_is_held_off_its_centre(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context
 
 from twin_diagram.errors import ModelError
 from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.model.description.followers import Followers
+from twin_diagram.model.description.finger_travel import at_share, moving_bodies, travel_of, turns
 from twin_diagram.planning.collision.geometry_to_solids import moved, points_of
 from twin_diagram.signals.arrays import Array
 
@@ -60,7 +60,8 @@ def between_fingers(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) ->
         arm: where it is in the plant.
     """
     last = plant.get_body(arm.last_link)
-    narrow, wide = (at_share(plant, arm, share) for share in (0.0, 1.0))
+    travel = travel_of(plant, arm)
+    narrow, wide = (at_share(plant, arm, share, travel) for share in (0.0, 1.0))
     bodies = moving_bodies(plant, arm)
     if not bodies:
         return None
@@ -69,7 +70,7 @@ def between_fingers(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) ->
     side = went @ y
     if not (side.max() > 0.0 > side.min()):
         return None
-    half = at_share(plant, arm, 0.5)
+    half = at_share(plant, arm, 0.5, travel)
     shapes = [_points(plant, scene_graph, half, last, body) for body in bodies]
     one, other = (
         np.concatenate([np.zeros((0, 3)), *(points for points, s in zip(shapes, side, strict=True) if sign * s > 0)])
@@ -132,41 +133,23 @@ def refuse_elsewhere(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -
 
 
 def refuse_turning(plant: MultibodyPlant, arm: Arm) -> None:
-    """Refuse a gripper for picks whose fingers turn: how far they are open, and how they press, is told for slides.
+    """Refuse a gripper for picks whose pads turn as it closes.
+
+    How far pads are apart, and how they press, is told of those that are carried straight.
 
     Raises:
-        ModelError: a joint of the gripper is none that slides.
+        ModelError: a joint of the gripper turns, and no linkage keeps the pads' direction.
     """
-    for index in arm.gripper_joint_indices:
-        joint = plant.get_joint(index)
-        if not isinstance(joint, PrismaticJoint):
-            raise ModelError(
-                f"the gripper's joint {joint.name()} turns; a pick needs fingers that slide (a prismatic joint each, "
-                "or one that others follow): the arm may reach, follow and hold as it is"
-            )
-
-
-def at_share(plant: MultibodyPlant, arm: Arm, share: float) -> Context:
-    """Return a context in which the gripper's joints are at a share of their travel."""
-    context = plant.CreateDefaultContext()
-    q = plant.GetPositions(context).copy()
-    for index in arm.gripper_joint_indices:
-        joint = plant.get_joint(index)
-        low, high = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
-        if np.isfinite([low, high]).all():
-            near, far = sorted((low, high), key=abs)
-            q[joint.position_start()] = near + share * (far - near)
-    Followers.of(plant, arm).follow(q)
-    plant.SetPositions(context, q)
-    return context
-
-
-def moving_bodies(plant: MultibodyPlant, arm: Arm) -> list[RigidBody]:
-    """Return what moves with the gripper's joints, by themselves or as they follow."""
-    joints = Followers.gripping(plant, arm)
-    kinematic = [joint.index() for joint in joints]
-    affected = plant.GetBodiesKinematicallyAffectedBy(kinematic) if kinematic else []
-    return [plant.get_body(index) for index in affected]
+    if turns(plant, arm) and travel_of(plant, arm) is None:
+        joint = next(
+            joint
+            for joint in (plant.get_joint(index) for index in arm.gripper_joint_indices)
+            if not isinstance(joint, PrismaticJoint)
+        )
+        raise ModelError(
+            f"the gripper's joint {joint.name()} turns its fingers' pads; a pick needs pads that are carried straight, "
+            "by joints that slide or by a linkage: the arm may reach, follow and hold as it is"
+        )
 
 
 def _in(plant: MultibodyPlant, context: Context, last: RigidBody, body: RigidBody) -> Array:

@@ -11,7 +11,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint
 
 from twin_diagram.model.description.add_arm import Arm
-from twin_diagram.planning.collision.between_fingers import at_share, between_fingers, hulls_of, moving_bodies
+from twin_diagram.model.description.finger_travel import FingerTravel, at_share, moving_bodies, travel_of
+from twin_diagram.planning.collision.between_fingers import between_fingers, hulls_of
 from twin_diagram.planning.collision.geometry_to_solids import moved
 from twin_diagram.signals.arrays import Array
 
@@ -57,10 +58,11 @@ def hand_shape(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> Hand
     if between_fingers(plant, scene_graph, arm) is None:
         return HandHulls()
     tool, last, bodies = plant.get_frame(arm.tool_frame), plant.get_body(arm.last_link), moving_bodies(plant, arm)
+    travel = travel_of(plant, arm)
     opened: list[Array] = []
     closed: list[Array] = []
     for share, found in ((0.0, closed), (1.0, opened)):
-        context = at_share(plant, arm, share)
+        context = at_share(plant, arm, share, travel)
         X_TL = np.asarray(plant.CalcRelativeTransform(context, tool, last.body_frame()).GetAsMatrix4())
         for body in bodies:
             found += [moved(X_TL, hull) for hull in hulls_of(plant, scene_graph, context, last, body)]
@@ -71,7 +73,7 @@ def hand_shape(plant: MultibodyPlant, scene_graph: SceneGraph, arm: Arm) -> Hand
         if int(body.index()) not in moving
         for hull in hulls_of(plant, scene_graph, context, last, body)
     ]
-    return HandHulls(_palm(still, opened), tuple(opened), tuple(closed), _force(plant, arm))
+    return HandHulls(_palm(still, opened), tuple(opened), tuple(closed), _force(plant, arm, travel))
 
 
 def _palm(still: list[Array], fingers: list[Array]) -> Palm:
@@ -92,9 +94,13 @@ def sides(fingers: list[Array] | tuple[Array, ...]) -> tuple[list[Array], list[A
     return right, [points for points in fingers if points[:, 1].mean() <= 0.0]
 
 
-def _force(plant: MultibodyPlant, arm: Arm) -> float:
-    """Return with which force a sliding finger can press [N]; infinite where that is not said."""
-    fingers = {int(index) for index in arm.gripper_joint_indices}
+def _force(plant: MultibodyPlant, arm: Arm, travel: FingerTravel | None) -> float:
+    """Return with which force both fingers can press [N]; infinite where that is not said."""
+    fingers = {int(index): k for k, index in enumerate(arm.gripper_joint_indices)}
     motors = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
-    sliding = [m for m in motors if int(m.joint().index()) in fingers and isinstance(m.joint(), PrismaticJoint)]
-    return min((float(motor.effort_limit()) for motor in sliding), default=np.inf)
+    own = [m for m in motors if int(m.joint().index()) in fingers]
+    if travel is None:
+        sliding = [m for m in own if isinstance(m.joint(), PrismaticJoint)]
+        return min((float(motor.effort_limit()) for motor in sliding), default=np.inf)
+    lever = travel.lever(travel.opened)
+    return min((float(m.effort_limit() / lever[fingers[int(m.joint().index())]]) for m in own), default=np.inf)

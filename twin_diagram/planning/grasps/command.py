@@ -29,7 +29,8 @@ def add_grasps_command(commands: Any) -> None:
         "--gripper",
         default="panda_hand",
         metavar="NAME_OR_FILE",
-        help="panda_hand, wsg50, or a YAML file with a gripper's figures (default: %(default)s)",
+        help="panda_hand, wsg50, a YAML file with a gripper's figures, or the URDF, SDF or MJCF of an arm with a hand "
+        "(default: %(default)s)",
     )
     grasps.add_argument("--count", type=int, default=10, help="of grasps (default: %(default)s)")
     grasps.add_argument("--seed", type=int, default=0, help="of what is drawn (default: %(default)s)")
@@ -42,7 +43,6 @@ def add_grasps_command(commands: Any) -> None:
 
 
 def _grasps(arguments: argparse.Namespace) -> int:
-    from twin_diagram.planning.grasps.gripper import gripper_of
     from twin_diagram.planning.grasps.kept_grasps import grasps_of
     from twin_diagram.planning.grasps.known_object import read_known
     from twin_diagram.planning.grasps.page import page
@@ -54,7 +54,7 @@ def _grasps(arguments: argparse.Namespace) -> int:
     Wanted(arguments.count, arguments.seed)  # refused before anything is read
     if arguments.out is not None and (why := why_not(arguments.out, folder=True)):
         raise GraspError(f"--out {arguments.out}: {why}")
-    gripper = gripper_of(arguments.gripper)
+    gripper = _gripper(arguments.gripper)
     known = read_known(arguments.source, arguments.unit, arguments.mass)
     grasps = grasps_of(known, gripper, count=arguments.count, seed=arguments.seed, table=arguments.table)
     said = _said(known, gripper, grasps, arguments)
@@ -65,6 +65,18 @@ def _grasps(arguments: argparse.Namespace) -> int:
             (aside / "grasps.html").write_text(page(known, gripper, grasps), encoding="utf-8")
     print(text if arguments.json else _table(known, gripper, grasps, arguments.out))
     return 0
+
+
+def _gripper(said: str) -> Gripper:
+    """Return the gripper that the command names, as a name or as a file."""
+    from twin_diagram.planning.grasps.gripper import SHIPPED, gripper_of
+
+    path = Path(said)
+    if said in SHIPPED or path.suffix.lower() not in (".urdf", ".sdf", ".xml") or not path.is_file():
+        return gripper_of(said)
+    from twin_diagram.planning.grasps.own_gripper import gripper_of_description
+
+    return gripper_of_description(path)
 
 
 def _said(known: KnownObject, gripper: Gripper, grasps: Grasps, arguments: argparse.Namespace) -> dict[str, Any]:

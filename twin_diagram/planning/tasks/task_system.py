@@ -9,12 +9,13 @@ from typing import Any, Final, cast
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JointIndex
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem
 
 from twin_diagram import scenario
 from twin_diagram.assets import Asset
 from twin_diagram.errors import ScenarioError
+from twin_diagram.model.description.add_arm import Arm
+from twin_diagram.model.description.finger_travel import FingerTravel, limits, travel_of
 from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.hand_shape import Palm
 from twin_diagram.planning.grasps.gripper import Gripper
@@ -61,11 +62,12 @@ class Fingers:
     """The travel of a gripper's fingers.
 
     Attributes:
-        described: (g,) where the description has them, which is where they stay while no step is about them [m].
-        closed: (g,) the end of their travel at which they meet [m].
-        opened: (g,) the other end [m].
+        described: (g,) where the description has them, which is where they stay while no step is about them [m or rad].
+        closed: (g,) the end of their travel at which they meet [m or rad].
+        opened: (g,) the other end [m or rad].
         widening: (g,) by how much the opening grows with each, that of what follows it included.
         palm: of the hand.
+        travel: of a hand whose joints turn; None: they slide.
     """
 
     described: Array
@@ -73,33 +75,40 @@ class Fingers:
     opened: Array
     widening: Array | float = 1.0
     palm: Palm = NO_PALM
+    travel: FingerTravel | None = None
 
     @staticmethod
     def of(
-        plant: MultibodyPlant,
-        joints: tuple[JointIndex, ...],
-        described: Array,
-        widening: Array | float = 1.0,
-        palm: Palm = NO_PALM,
+        plant: MultibodyPlant, arm: Arm, described: Array, widening: Array | float = 1.0, palm: Palm = NO_PALM
     ) -> Fingers:
-        """Return the fingers of a plant's gripper: they meet at the end of their travel that is nearer to zero."""
-        fingers = [plant.get_joint(index) for index in joints]
-        limits = [(joint.position_lower_limits()[0], joint.position_upper_limits()[0]) for joint in fingers]
-        ends = np.array([sorted(pair, key=abs) for pair in limits], dtype=float).reshape(-1, 2)
-        return Fingers(np.array(described, dtype=float), ends[:, 0], ends[:, 1], widening, palm)
+        """Return the fingers of an arm's gripper: where they slide they meet at the end that is nearer to zero."""
+        travel = travel_of(plant, arm)
+        closed, opened = (travel.closed, travel.opened) if travel else limits(plant, arm)
+        return Fingers(np.array(described, dtype=float), closed, opened, widening, palm, travel)
 
     @property
     def widest(self) -> float:
         """Greatest opening between the fingers [m]."""
-        return float((self.widening * np.abs(self.opened - self.closed)).sum())
+        return self.opening(self.opened)
 
     def opening(self, positions: Array) -> float:
         """Return the opening at positions (g,) [m]."""
+        if self.travel is not None:
+            return self.travel.opening(positions)
         return float((self.widening * np.abs(positions - self.closed)).sum())
 
+    def fastest(self, positions: Array, rates: Array) -> float:
+        """Return the speed of the fastest finger [m/s] at positions (g,) that change at rates (g,)."""
+        levers = 1.0 if self.travel is None else 0.5 * self.travel.lever(positions)
+        return float(np.abs(levers * rates).max(initial=0.0))
+
     def at(self, share: float) -> Array:
-        """Return positions (g,) [m] opened by a share of the travel; where it is negative, as described."""
-        return self.described if share < 0.0 else self.closed + share * (self.opened - self.closed)
+        """Return positions (g,) [m or rad] opened by a share of the widest; where it is negative, as described."""
+        if share < 0.0:
+            return self.described
+        if self.travel is not None:
+            share = self.travel.share_of(share * self.widest)
+        return self.closed + share * (self.opened - self.closed)
 
 
 def shape_grasps(asset: Asset, gripper: Gripper | None) -> ShapeGrasps:
@@ -320,7 +329,7 @@ class TaskRunner(LeafSystem):
             tracks=PackedRows(tracks, Track.unpack),
             measured=PackedRows(measured, PoseMeasurement.unpack),
             opening=self._fingers.opening(fingers[:g]),
-            finger_speed=float(np.abs(fingers[g:]).max(initial=0.0)),
+            finger_speed=self._fingers.fastest(fingers[:g], fingers[g:]),
             widest=self._fingers.widest,
             palm=self._fingers.palm,
             reach=reach,

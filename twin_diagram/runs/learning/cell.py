@@ -147,7 +147,7 @@ class Cell:
         self._plant = self._station.world.plant
         described = np.array([finger.default_positions()[0] for finger in arm.fingers])
         widening = Followers.of(self._plant, arm.arm).widening
-        self._fingers = Fingers.of(self._plant, arm.arm.gripper_joint_indices, described, widening)
+        self._fingers = Fingers.of(self._plant, arm.arm, described, widening)
         self._gripper = gripper_of(scenario.twin.learning.gripper) if scenario.twin.learning else None
         world, hand = self._station.world, arm.fingers[0].frame_on_parent()
         self._carried = CarriedBodies(self._plant, hand, arm.joints, world.objects)

@@ -10,10 +10,12 @@ from pydrake.multibody.tree import Joint, PdControllerGains
 
 from twin_diagram.errors import ModelError, ScenarioError
 from twin_diagram.model.description import add_arm as description
+from twin_diagram.model.description.finger_travel import turns
 from twin_diagram.model.description.followers import couple
 from twin_diagram.model.effects import Effect, add_to_plant, renewed
 from twin_diagram.scenario import Driver, Scenario
 from twin_diagram.signals.arrays import Array
+from twin_diagram.station.sim.linkage import Linkage, levers, linkage_of
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class Tuning:
     """Constants of this module, with their units and what set them."""
 
     finger_stiffness: float = 2000.0
-    """Of a finger's own controller [N/m]."""
+    """Of a finger's own controller [N/m]; of a joint that turns by the square of its lever more, as if it slid."""
 
     finger_damping: float = 110.0
     """[N·s/m]: critical with `finger_mass`."""
@@ -47,6 +49,7 @@ class ArmPlant:
         stiffness, damping: of the motors' controllers: n arm joints, then the fingers that have a motor.
         driven: places of the fingers with a motor among all g.
         q0: (n + g,) positions at the start [rad, m].
+        linkage: of a gripper whose joints turn; None: they slide.
     """
 
     arm: description.Arm
@@ -57,6 +60,7 @@ class ArmPlant:
     damping: Array
     driven: list[int]
     q0: Array
+    linkage: Linkage | None = None
 
 
 def driver_gains(driver: Driver, effort_limits: Array) -> tuple[Array, Array]:
@@ -111,6 +115,7 @@ def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
         arm = renewed(plant, arm)
         if plant.num_constraints() == 0:  # of a URDF Drake has read what follows what
             couple(plant, arm)
+        linkage = linkage_of(scenario.world.arm, scenario.packages) if turns(plant, arm) else None
     except ModelError as error:
         raise description.scenario_error("world.arm", error) from error
     joints = [plant.get_joint(index) for index in arm.joint_indices]
@@ -119,18 +124,20 @@ def add_arm(plant: MultibodyPlant, scenario: Scenario) -> ArmPlant:
     limits = np.array([motor.effort_limit() for motor in motors[: len(joints)]])
     stiffness, damping = driver_gains(scenario.twin.driver, limits)
     more = len(motors) - len(joints)
-    stiffness = np.concatenate([stiffness, np.full(more, TUNING.finger_stiffness)])
-    damping = np.concatenate([damping, np.full(more, TUNING.finger_damping)])
+    with_motor = {int(motor.joint().index()) for motor in motors}
+    driven = [k for k, finger in enumerate(fingers) if int(finger.index()) in with_motor]
+    described = np.array([finger.default_positions()[0] for finger in fingers])
+    slopes = np.ones(more) * levers(linkage, described, driven)
+    stiffness = np.concatenate([stiffness, slopes**2 * TUNING.finger_stiffness])
+    damping = np.concatenate([damping, slopes**2 * TUNING.finger_damping])
     for motor, p, d in zip(motors, stiffness, damping, strict=True):
         motor.set_controller_gains(PdControllerGains(p=p, d=d))
-    for motor in motors[len(joints) :]:
+    for motor, lever in zip(motors[len(joints) :], slopes, strict=True):
         if motor.default_rotor_inertia() * motor.default_gear_ratio() ** 2 == 0.0:
-            motor.set_default_rotor_inertia(TUNING.finger_mass)
+            motor.set_default_rotor_inertia(float(lever**2 * TUNING.finger_mass))
             motor.set_default_gear_ratio(1.0)
     angles = initial_angles(scenario, len(joints))
     for joint, angle in zip(joints, angles, strict=True):
         joint.set_default_positions([angle])
-    with_motor = {int(motor.joint().index()) for motor in motors}
-    driven = [k for k, finger in enumerate(fingers) if int(finger.index()) in with_motor]
-    q0 = np.concatenate([angles, [finger.default_positions()[0] for finger in fingers]])
-    return ArmPlant(arm, effects, joints, fingers, stiffness, damping, driven, q0)
+    q0 = np.concatenate([angles, described])
+    return ArmPlant(arm, effects, joints, fingers, stiffness, damping, driven, q0, linkage)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, PrismaticJoint
+from pydrake.multibody.tree import PrismaticJoint
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from twin_diagram.errors import ScenarioError
@@ -15,6 +14,7 @@ from twin_diagram.scenario import Scenario
 from twin_diagram.signals.arrays import Array
 from twin_diagram.station.add_models import twin_arm
 from twin_diagram.station.sim.arm_plant import ArmPlant
+from twin_diagram.station.sim.linkage import levers
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,9 @@ def held_back(desired: Array, position: Array, reach: Array) -> Array:
     return np.concatenate([position + np.minimum(np.maximum(off, -reach), reach), np.where(back, 0.0, desired[g:])])
 
 
-def pressing(desired: Array, closed: Array, inward: Array, reach: Array) -> Array:
+def pressing(
+    desired: Array, closed: Array, inward: Array, reach: Array, meeting: Array | float = TUNING.meeting
+) -> Array:
     """Return fingers' desired state with springs wound up in full where they are told to close all the way.
 
     A spring alone presses a thin thing less than a wide one: between fingers told to meet, a wall of 6 mm by 6 N.
@@ -83,20 +85,27 @@ def pressing(desired: Array, closed: Array, inward: Array, reach: Array) -> Arra
         closed: (g,) where they meet [m].
         inward: (g,) sign of the way there.
         reach: (g,) as `held_back`.
+        meeting: so near to where they meet they begin to press.
 
     Returns:
         (2g,), beyond where they meet by up to `reach`, the nearer to there the more.
     """
     g = len(closed)
-    left = np.minimum(np.maximum(inward * (closed - desired[:g]) / TUNING.meeting, 0.0), 1.0)
+    left = np.minimum(np.maximum(inward * (closed - desired[:g]) / meeting, 0.0), 1.0)
     return np.concatenate([desired[:g] + inward * (1.0 - left) * reach, desired[g:]])
 
 
-def _meeting(fingers: Sequence[Joint]) -> tuple[Array, Array]:
-    """Return where fingers meet (g,) [m], the end of their travel nearer to zero, and the sign of the way there (g,).
+def _meeting(arm: ArmPlant) -> tuple[Array, Array]:
+    """Return where driven fingers meet (k,) [m or rad], and the sign of the way there (k,).
 
-    The sign is 0 for one that turns, or that has no such end.
+    Fingers that slide meet at the end of their travel that is nearer to zero. The sign is 0 for one that turns, if
+    nobody knows its travel, or that has no such end.
     """
+    fingers = [arm.fingers[k] for k in arm.driven]
+    travel = None if arm.linkage is None else arm.linkage.travel
+    if travel is not None:
+        closed = travel.closed[arm.driven]
+        return closed, np.sign(closed - travel.opened[arm.driven])
     closed, inward = np.zeros(len(fingers)), np.zeros(len(fingers))
     for k, finger in enumerate(fingers):
         if isinstance(finger, PrismaticJoint):
@@ -161,8 +170,8 @@ class ArmDriver(LeafSystem):
     The fingers' springs are wound up no further than `gripper_force_limit` allows: what is held is pressed with that
     force from each side, whatever its width, by fingers that are told to close all the way.
 
-    Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m],
-    `gripper_force_limit` (1) of each finger [N], `motor_state`
+    Ports: `position_commanded` (n) [rad], `torque_commanded` (n) [N·m], `gripper_commanded` (g) [m], or
+    [rad] where they turn, `gripper_force_limit` (1) of each finger [N], `motor_state`
     (2(n + g)) the motors' positions, as encoders without noise would read them, then speeds; `torque` (n) feed-forward
     [N·m], `desired_state` (2n) and `gripper_desired_state` (2 per driven finger) of the plant's controllers. State: the
     filter's (2(n + g)). Rate: the plant's.
@@ -198,7 +207,7 @@ class ArmDriver(LeafSystem):
         self._fingers = self.DeclareVectorInputPort("gripper_commanded", g) if g else None
         self._force = self.DeclareVectorInputPort("gripper_force_limit", 1) if g else None
         self._driven, self._finger_stiffness = driven, arm.stiffness[n:]
-        self._meeting = _meeting([arm.fingers[k] for k in arm.driven])
+        self._meeting, self._linkage, self._own = _meeting(arm), arm.linkage, arm.driven
         self._motor = self.DeclareVectorInputPort("motor_state", 2 * self._m)
         state = self.DeclareDiscreteState(np.concatenate([arm.q0, np.zeros(self._m)]))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
@@ -247,9 +256,11 @@ class ArmDriver(LeafSystem):
         desired = context.get_discrete_state_vector().value()[self._finger_part]
         limit = self._force_limit(context)
         if np.isfinite(limit):
-            reach = limit / self._finger_stiffness
-            desired = pressing(desired, *self._meeting, reach)
-            desired = held_back(desired, self._motor.Eval(context)[self._driven], reach)
+            motors = self._motor.Eval(context)
+            lever = levers(self._linkage, motors[self._n : self._m], self._own)
+            reach = limit * lever / self._finger_stiffness
+            desired = pressing(desired, *self._meeting, reach, TUNING.meeting / lever)
+            desired = held_back(desired, motors[self._driven], reach)
         output.SetFromVector(desired)
 
     def _force_limit(self, context: Context) -> float:

@@ -21,6 +21,7 @@ from pydrake.geometry import (
     Mesh,
     Role,
     SceneGraph,
+    Shape,
 )
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -57,13 +58,19 @@ def refine(plant: MultibodyPlant, scene_graph: SceneGraph, pad: GeometryId) -> N
     box = inspector.GetShape(pad)
     if plant.time_step() <= TUNING.usual_step or not isinstance(box, Box):
         return
-    others = inspector.GetAllGeometryIds(Role.kProximity)
-    unmet = [other for other in others if other != pad and inspector.CollisionFiltered(pad, other)]
     size = np.array(box.size())
     cells = np.where(size == size.min(), TUNING.layers, TUNING.cells)
     mesh = Mesh(InMemoryMesh(mesh_file=MemoryFile(as_vtk(*tetrahedra(size, cells)), ".vtk", "pad")))
-    scene_graph.ChangeShape(plant.get_source_id(), pad, mesh, inspector.GetPoseInFrame(pad))
-    apart = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(pad), GeometrySet(unmet))
+    reshape(plant, scene_graph, pad, mesh)
+
+
+def reshape(plant: MultibodyPlant, scene_graph: SceneGraph, geometry: GeometryId, shape: Shape) -> None:
+    """Give a geometry another shape where it is; what it never touches it never touches still."""
+    inspector = scene_graph.model_inspector()
+    others = inspector.GetAllGeometryIds(Role.kProximity)
+    unmet = [other for other in others if other != geometry and inspector.CollisionFiltered(geometry, other)]
+    scene_graph.ChangeShape(plant.get_source_id(), geometry, shape, inspector.GetPoseInFrame(geometry))
+    apart = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(geometry), GeometrySet(unmet))
     scene_graph.collision_filter_manager().Apply(apart)
 
 

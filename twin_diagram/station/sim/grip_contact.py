@@ -31,7 +31,7 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import ContactModel, CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import Joint, PrismaticJoint, RigidBody
 
-from twin_diagram.station.sim.fine_pads import refine
+from twin_diagram.station.sim.fine_pads import refine, reshape
 
 COMPLIANCE = ("hydroelastic", "compliance_type")
 """Where Drake keeps whether a shape is rigid or compliant: a description that says so is heeded."""
@@ -89,18 +89,18 @@ def couple_fingers(plant: MultibodyPlant, fingers: Sequence[Joint]) -> None:
 
 
 def touch_by_surfaces(
-    plant: MultibodyPlant, scene_graph: SceneGraph, fingers: Sequence[Joint], objects: Iterable[RigidBody]
+    plant: MultibodyPlant, scene_graph: SceneGraph, fingers: Iterable[RigidBody], objects: Iterable[RigidBody]
 ) -> None:
     """Let the fingers' pads and objects meet in patches; after the plant is finalized.
 
     Args:
         plant: of the world.
         scene_graph: its geometry; proximity properties of the shapes concerned are replaced.
-        fingers: joints of the gripper.
+        fingers: bodies that move with the gripper's joints.
         objects: bodies that can be held.
     """
     for finger in fingers:
-        shapes = plant.GetCollisionGeometriesForBody(finger.child_body())
+        shapes = plant.GetCollisionGeometriesForBody(finger)
         if not any(_told(scene_graph, shape) for shape in shapes):
             for shape in shapes:
                 _make_compliant(plant, scene_graph, shape)
@@ -127,8 +127,11 @@ def _told(scene_graph: SceneGraph, geometry: GeometryId) -> bool:
 
 def _make_compliant(plant: MultibodyPlant, scene_graph: SceneGraph, geometry: GeometryId) -> None:
     shape = scene_graph.model_inspector().GetShape(geometry)
-    if isinstance(shape, (Mesh, HalfSpace)):
-        return  # a surface without an inside: Drake falls back to points
+    if isinstance(shape, HalfSpace):
+        return
+    if isinstance(shape, Mesh):  # a surface alone cannot be soft; its hull is what Drake takes a mesh for elsewhere
+        shape = Convex(shape.source(), shape.scale3())
+        reshape(plant, scene_graph, geometry, shape)
     properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(geometry))
     AddCompliantHydroelasticProperties(_facet(shape), TUNING.modulus, properties)
     _replace(plant, scene_graph, geometry, properties)

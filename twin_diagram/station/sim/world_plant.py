@@ -17,14 +17,15 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from twin_diagram.errors import AssetError, ModelError, ScenarioError
+from twin_diagram.model.description.finger_travel import moving_bodies
 from twin_diagram.model.description.fixtures import weld_roots
-from twin_diagram.model.description.followers import Followers
 from twin_diagram.scenario import Scenario, WorldObject
 from twin_diagram.scenario.resources import resolve
 from twin_diagram.station.add_models import add_model, transform
 from twin_diagram.station.sim.arm_plant import ArmPlant, add_arm
 from twin_diagram.station.sim.floors import bound_floors
 from twin_diagram.station.sim.grip_contact import make_gripping, rub, touch_by_surfaces
+from twin_diagram.station.sim.linkage import let_hinges_turn
 from twin_diagram.station.sim.merged_shapes import merge_shapes
 from twin_diagram.station.sim.movers import Path, add_carriage
 
@@ -101,7 +102,9 @@ def build_world(builder: DiagramBuilder, scenario: Scenario) -> WorldPlant:
             if not (np.isfinite(spec.friction) and spec.friction >= 0.0):
                 raise ScenarioError(f"world.objects.{name}.friction", f"{spec.friction} is no coefficient of friction")
             rub(plant, scene_graph, body, spec.friction)
-    touch_by_surfaces(plant, scene_graph, Followers.gripping(plant, world.arm.arm), objects)
+    touch_by_surfaces(plant, scene_graph, moving_bodies(plant, world.arm.arm), objects)
+    if world.arm.linkage is not None:
+        let_hinges_turn(plant, scene_graph, world.arm.arm, world.arm.linkage)
     return world
 
 

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from tests.planning.collision.test_between_fingers import hand
+from tests.station.sim.linkage_hand import linkage_hand
 from twin_diagram.assets import Asset
+from twin_diagram.cli import main
 from twin_diagram.planning.collision.ball_cover import arm_plant
 from twin_diagram.planning.collision.hand_shape import HandHulls, Palm, hand_shape
 from twin_diagram.planning.grasps.gripper import PANDA_HAND, WSG50, Gripper
-from twin_diagram.planning.tasks.own_gripper import TUNING, gripper_of_shape
+from twin_diagram.planning.grasps.own_gripper import TUNING, gripper_of_description, gripper_of_shape
 from twin_diagram.planning.tasks.task_system import shape_grasps
 from twin_diagram.scenario import ArmModel, Pose
-from twin_diagram.scenario.resources import resolve
+from twin_diagram.scenario.resources import models_dir, resolve
 from twin_diagram.signals.pose_vectors import errors
 
 
@@ -75,3 +77,23 @@ def test_what_makes_no_gripper_is_none() -> None:
     assert gripper is not None and gripper.force == TUNING.force
     for lacking in ({"palm": Palm()}, {"opened": (finger,)}, {"closed": (other,)}, {"closed": whole.opened}):
         assert gripper_of_shape(replace(whole, **lacking), "mine", "tool") is None, lacking  # type: ignore[arg-type]
+
+
+def test_the_hand_of_a_description_is_found_without_a_frame_that_names_it() -> None:
+    found = gripper_of_description(models_dir() / "arms" / "panda_hand.urdf")
+    assert found.name == "panda_hand_hand" and found.frame.startswith("panda_link7, X_FG: {translation: [0, 0, 0.2")
+    for name in ("opening_most", "finger_front", "finger_length", "finger_thickness", "finger_width"):
+        assert getattr(found, name) == pytest.approx(getattr(PANDA_HAND, name), abs=2e-3), name
+
+
+def test_an_arm_without_a_hand_and_pads_that_turn_are_refused_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    turning = linkage_hand(tmp_path, parallel=False)
+    for model, said in (
+        (models_dir() / "arms" / "ur5e.urdf", "no two fingers with collision shapes move apart"),
+        (turning, "left_bar_joint turns its fingers' pads"),
+    ):
+        assert main(["grasps", "objects/mug", "--gripper", str(model)]) == 2
+        error = capsys.readouterr().err.strip()
+        assert said in error and error.count("\n") == 0
