@@ -51,6 +51,16 @@ def test_fingers_know_their_opening_and_speed(tmp_path: Path) -> None:
     assert fingers.fastest(at, np.ones(1)) == pytest.approx(moved, rel=0.02)
 
 
+def test_each_of_two_motors_moves_one_finger() -> None:
+    """Alike but for their sense: the opening grows by 3 cm with each of them, a finger moves by as much."""
+    travel = FingerTravel(np.array([0.6, -0.6]), np.zeros(2), np.linspace(0.0, 0.06, 9))
+    at = np.array([0.3, -0.3])
+    assert travel.opening(at) == pytest.approx(0.03)
+    np.testing.assert_allclose(travel.lever(at), 0.05)
+    fingers = Fingers(np.zeros(2), travel.closed, travel.opened, travel=travel)
+    assert fingers.fastest(at, np.array([0.2, -0.1])) == pytest.approx(0.01)
+
+
 def test_a_linkage_makes_a_gripper_and_what_fingers_sweep_counts(tmp_path: Path) -> None:
     plant, scene_graph, arm, _keep = arm_plant(told(linkage_hand(tmp_path)))
     refuse_turning(plant, arm)

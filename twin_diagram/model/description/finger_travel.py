@@ -61,14 +61,15 @@ class FingerTravel:
         return float(np.interp(opening, self.openings, np.linspace(0.0, 1.0, len(self.openings))))
 
     def lever(self, positions: Array) -> Array:
-        """Return by how much the opening grows with each joint (g,), all others following [m/rad], at positions (g,).
+        """Return by how much the opening grows with each of the joints (g,), at positions (g,) [m/rad].
 
-        A torque of so much times a force makes both pads press with that force, by virtual work.
+        Torques of so much times a force make both pads press with that force, by virtual work: of one joint that all
+        others follow, or of one for each finger.
         """
         steps = np.diff(self.openings) * (len(self.openings) - 1)
         middles = (np.arange(len(steps)) + 0.5) / len(steps)
         rate = np.interp(self.share(positions), middles, steps)
-        return np.asarray(rate / np.abs(self.opened - self.closed))
+        return np.asarray(rate / (len(self.closed) * np.abs(self.opened - self.closed)))
 
 
 def turns(plant: MultibodyPlant, arm: Arm) -> bool:

@@ -99,7 +99,7 @@ class Fingers:
 
     def fastest(self, positions: Array, rates: Array) -> float:
         """Return the speed of the fastest finger [m/s] at positions (g,) that change at rates (g,)."""
-        levers = 1.0 if self.travel is None else 0.5 * self.travel.lever(positions)
+        levers = 1.0 if self.travel is None else 0.5 * len(rates) * self.travel.lever(positions)
         return float(np.abs(levers * rates).max(initial=0.0))
 
     def at(self, share: float) -> Array:
