@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.errors import ModelError
+from twin_diagram.gap.candidates.payload import carried_always
 from twin_diagram.gap.correction.merge_effects import merged
 from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.findings import Finding, Separation
@@ -26,7 +27,6 @@ from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.gap.whole_robot.unusual import room_for
 from twin_diagram.gap.whole_robot.well_told import share_of, well_told
 from twin_diagram.model.effects.actuation import TorqueBias, TorqueConstant
-from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -289,7 +289,7 @@ def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
     """
     z, own = None, slice(10 * problem.n, 14 * problem.n)
     missed = np.zeros_like(problem.own_free)
-    loaded = any(candidate.name == Payload.name for candidate in problem.sums.further)
+    loaded = any(carried_always(candidate) for candidate in problem.sums.further)
     while True:
         share = largest_share(problem, TUNING.third)
         z = solve(problem, None, z)

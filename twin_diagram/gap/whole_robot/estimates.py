@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_diagram.gap.candidates.payload import carried_always
 from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction.physical_coordinates import from_log_cholesky
 from twin_diagram.gap.findings import Estimate, Finding, Moment
@@ -16,7 +17,7 @@ from twin_diagram.gap.whole_robot.torque_equations import OWN
 from twin_diagram.model.effects.actuation import TorqueBias
 from twin_diagram.model.effects.friction import CoulombFriction, ViscousFriction
 from twin_diagram.model.effects.friction_stribeck_load import StribeckFriction
-from twin_diagram.model.effects.inertia import Payload, ReflectedInertia
+from twin_diagram.model.effects.inertia import ReflectedInertia
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -197,8 +198,8 @@ def _changing(problem: RobotProblem, z: Array, spread: Array, model: Model, sure
 def _further(
     problem: RobotProblem, z: Array, spread: Array, model: Model, sure: dict[str, float]
 ) -> tuple[Finding, ...]:
-    """Return one finding per name of what is there beyond links and joints' own terms."""
-    found: dict[str, Finding] = {}
+    """Return one finding per name, and span of a load, of what is there beyond links and joints' own terms."""
+    found: dict[object, Finding] = {}
     step = 1.0 / problem.sums.records.rate
     there = sorted(enumerate(problem.sums.further), key=lambda item: item[1].joints)
     for at, candidate in there:
@@ -207,11 +208,12 @@ def _further(
         joints = tuple(model.joints[j] for j in candidate.joints)
         when = [None if moment is None else Moment(*moment, step) for moment in (candidate.onset, candidate.end)]
         nothing = Finding(name, (), candidate.links, {}, sure[name], onset=when[0], end=when[1])
-        before = found.get(name, nothing)
+        claim = candidate.place if candidate.spans else name  # one per load that is held for a while
+        before = found.get(claim, nothing)
         parameters = dict(before.parameters)
         for key, (value, error) in told.items():
             if not record_of(name).per_joint:
-                if name == Payload.name and key == "mass":
+                if carried_always(candidate) and key == "mass":
                     error = np.hypot(error, own_doubt(problem))
                 parameters[key] = _estimate(value, error, unit_of(name, key))
                 continue
@@ -219,7 +221,10 @@ def _further(
             others = parameters.get(key, {})
             assert isinstance(others, dict)
             parameters[key] = {**others, **mine}
-        found[name] = replace(before, joints=(*before.joints, *joints), parameters=parameters)
+        found[claim] = replace(before, joints=(*before.joints, *joints), parameters=parameters)
+        for k, span in enumerate(candidate.spans[1:]):  # the same load again
+            when = [None if moment is None else Moment(*moment, step) for moment in span]
+            found[(claim, k)] = replace(found[claim], onset=when[0], end=when[1])
     return tuple(found.values())
 
 
