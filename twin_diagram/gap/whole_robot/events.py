@@ -120,7 +120,7 @@ Span = tuple[float, Candidate, int, int]
 """Rise of the evidence, wrench, and samples from which and until which it acts."""
 
 
-def likeliest_spans(beside: Beside, wrenches: list[Candidate]) -> list[Span]:
+def likeliest_spans(beside: SpansBeside, wrenches: list[Candidate]) -> list[Span]:
     """Return the likeliest wrenches, each with the span that suits it best."""
     count = beside.seen.shape[1]
     edges = np.unique(np.round(np.linspace(0, count, TUNING.blocks + 1)).astype(np.int64))
@@ -136,7 +136,7 @@ def likeliest_spans(beside: Beside, wrenches: list[Candidate]) -> list[Span]:
     return [_refined(beside, wrench, at, to, max(1, int(edges[1]))) for _, wrench, at, to in coarse]
 
 
-def _refined(beside: Beside, wrench: Candidate, at: int, to: int, step: int) -> Span:
+def _refined(beside: SpansBeside, wrench: Candidate, at: int, to: int, step: int) -> Span:
     """Return a wrench with the best samples at which it begins and ends, near those given, and its score."""
     count = beside.seen.shape[1]
     stride = max(1, step // TUNING.fine)
@@ -171,7 +171,7 @@ def during(terms: Terms, wrench: Candidate, onset: Moment, end: Moment) -> Candi
 
 
 @dataclass(frozen=True)
-class Beside:
+class SpansBeside:
     """A fit, ready for what may be added over a span of time.
 
     Attributes:
@@ -187,7 +187,7 @@ class Beside:
     pull: Array
 
     @staticmethod
-    def of(problem: RobotProblem, z: Array) -> Beside:
+    def of(problem: RobotProblem, z: Array) -> SpansBeside:
         """Make a fit (Z,) ready."""
         H, gradient = problem.system(z, problem.sums.whole)
         moving = np.flatnonzero(problem.free & (z > problem.lower))
@@ -200,7 +200,7 @@ class Beside:
         for j in range(problem.n):
             seen[j, :, :-1] = sums.columns[:, j] @ (factor @ coupling(problem, [j], blocks, each)[moving]).T
         seen[:, :, -1] = left.T
-        return Beside(problem, seen, factor @ gradient[moving])
+        return SpansBeside(problem, seen, factor @ gradient[moving])
 
     def scores(self, candidate: Candidate, edges: npt.NDArray[np.int64], pairs: Pairs) -> Array:
         """Return (P,) rises of the evidence of a candidate that acts between pairs of edges alone, to first order.

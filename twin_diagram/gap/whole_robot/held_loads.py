@@ -7,7 +7,9 @@ spans, all else is fitted beside the load; with that, each moment says whether i
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +17,10 @@ import numpy.typing as npt
 from twin_diagram.gap.candidates.candidate import Candidate, Span
 from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.residuals.regressors import Terms
+from twin_diagram.gap.search.golden_section import least
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot.events import TUNING as EVENTS
-from twin_diagram.gap.whole_robot.events import Beside, Tried, likeliest_spans
+from twin_diagram.gap.whole_robot.events import SpansBeside, Tried, likeliest_spans
 from twin_diagram.gap.whole_robot.held_by_friction import shares_of_friction
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.pushes import TUNING as PUSHES
@@ -43,6 +46,12 @@ class Tuning:
     likely: float = 0.5
     """Fall of the log likelihood up to which a moment is as good as another [nats]: at rest all are."""
 
+    apart: float = 1.5
+    """Kept samples by which a moment may be off that was found among them."""
+
+    sections: int = 8
+    """Times that what lies between shrinks to 0.62 of itself."""
+
 
 TUNING = Tuning()
 
@@ -60,12 +69,13 @@ def held_loads(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]
     # A load that is not there lets the joints that it drives hang together over all of its span.
     quiet = replace(problem, share=np.maximum(problem.share, np.median(problem.share)))
     plain = payload(terms)
-    found = likeliest_spans(Beside.of(quiet, solve(quiet, None, z)), [plain])
-    if not found or found[0][0] < PUSHES.worth:
+    found = likeliest_spans(SpansBeside.of(quiet, solve(quiet, None, z)), [plain])
+    if not found:
         return []
     held = np.zeros(len(terms.records.owner), dtype=bool)
     held[found[0][2] : found[0][3]] = True
     load = _in_turns(quiet, z, terms, plain, held)
+    load = None if load is None else _sharper(quiet, z, terms, load)
     if load is None or np.all(shares_of_friction(problem, z, load) < PUSHES.drifts):
         return []
     problem, z = while_sliding(problem, z, terms, load)
@@ -85,7 +95,7 @@ def _in_turns(problem: RobotProblem, z: Array, terms: Terms, plain: Candidate, h
         plain: the load, always.
         held: (N,) samples at which it is held, roughly.
     """
-    about, turned = plain, False
+    about, turned, possible, load = plain, False, False, plain
     for _ in range(TUNING.rounds):
         load = _during(terms, about, held)
         if not load.passing:
@@ -99,18 +109,18 @@ def _in_turns(problem: RobotProblem, z: Array, terms: Terms, plain: Candidate, h
                 return None
             held, turned = ~held, True
             continue
-        if own[0] == 0.0 or not plain.allows(own):
+        if own[0] == 0.0:
             return None
         tried = with_noise(tried, fitted)
         tried = replace(tried, share=np.maximum(tried.share, problem.share))
-        nearer = payload_about(terms, own[1:] / own[0])
+        possible = plain.allows(own)  # over spans that are not yet right its centre may be anywhere
         before, held = held, _likelier(tried, fitted, about, own, load)
         if not np.any(held) or np.all(held):
             return None
-        if np.array_equal(held, before) and about is not plain:
-            return load
-        about = nearer
-    return _during(terms, about, held)
+        if np.array_equal(held, before) and (about is not plain or not possible):
+            break
+        about = _about(terms, own) if possible else plain
+    return load if possible and load.passing else None
 
 
 def _likelier(problem: RobotProblem, z: Array, plain: Candidate, own: Array, load: Candidate) -> Mask:
@@ -123,24 +133,34 @@ def _likelier(problem: RobotProblem, z: Array, plain: Candidate, own: Array, loa
         own: (k,) its coefficients.
         load: as it was held.
     """
+    torque, without = _torques(problem, z, plain, own, load)
+    rise = without * torque - 0.5 * torque**2
+    each = np.sum(rise * (problem.share / problem.variance)[list(plain.rows)], axis=1)
+    # Colour is what laws leave over a while: when the load comes and goes, each sample tells.
+    return spans_of(
+        each, np.sum(rise / problem.variance[list(plain.rows)], axis=1), np.log(TUNING.parts) + 0.5 * TUNING.span
+    )
+
+
+def _torques(problem: RobotProblem, z: Array, plain: Candidate, own: Array, load: Candidate) -> tuple[Array, Array]:
+    """Return (N, r) a load's torque, were it always there, and what is left without it [N·m]; see `_likelier`."""
     sums, rows = problem.sums, list(plain.rows)
-    weight = (problem.share / problem.variance)[rows]
     torque = (plain.columns @ own) * sums.weights[:, rows]
-    without = sums.left(problem.difference(z))[:, rows] + (load.columns @ own) * sums.weights[:, rows]
-    rise = np.sum(weight * (without * torque - 0.5 * torque**2), axis=1)
-    return spans_of(rise, np.log(TUNING.parts) + 0.5 * TUNING.span)
+    held = (load.columns @ own) * sums.weights[:, rows]
+    return torque, sums.left(problem.difference(z))[:, rows] + held
 
 
-def spans_of(rise: Array, price: float) -> Mask:
+def spans_of(rise: Array, sharp: Array, price: float) -> Mask:
     """Return (N,) the samples of the likeliest spans.
 
     Args:
         rise: (N,) by how much likelier each sample is within a span [nats].
+        sharp: (N,) the same where all samples are independent: it tells moments.
         price: of each begin and each end [nats].
     """
     edges = np.unique(np.round(np.linspace(0, len(rise), TUNING.parts + 1)).astype(np.int64))
     total = np.concatenate([[0.0], np.cumsum(rise)])
-    parts = np.diff(total[edges])
+    parts, total = np.diff(total[edges]), np.concatenate([[0.0], np.cumsum(sharp)])
     on, came = 0.0, np.zeros((len(parts), 2), dtype=bool)
     off = 0.0
     for k, part in enumerate(parts):  # Viterbi's, of two states
@@ -167,12 +187,56 @@ def _moment(total: Array, near: int, width: int, sign: float) -> int:
     return first + round(float(np.mean(alike)))
 
 
+def _sharper(problem: RobotProblem, z: Array, terms: Terms, load: Candidate) -> Candidate:
+    """Return a load whose spans begin and end between kept samples.
+
+    Args:
+        problem: of what is there beside it, without it.
+        z: (Z,) its coordinates.
+        terms: of the same samples.
+        load: as it was found.
+    """
+    tried = replace(problem, sums=problem.sums.with_further([*problem.sums.further, load]))
+    fitted = solve(tried, None, np.concatenate([z, np.zeros(load.size)]))
+    own, spans = fitted[-load.size :], [list(span) for span in load.spans]
+    plain = _about(terms, own)
+    torque, without = _torques(tried, fitted, plain, own, load)
+    weight = 0.5 / with_noise(tried, fitted).variance[list(load.rows)]
+
+    def cost(k: int, i: int, log: int, time: float) -> float:
+        moved = [
+            [(log, time) if (at, side) == (k, i) else span[side] for side in range(2)] for at, span in enumerate(spans)
+        ]
+        share = np.sum([active(terms, *span) for span in moved], axis=0)
+        return float(np.sum(weight * (without - share[:, None] * torque) ** 2))
+
+    for k, i in itertools.product(range(len(spans)), range(2)):
+        moment = spans[k][i]
+        if moment is None:
+            continue
+        log, time = moment
+        times = terms.records.records[log].times
+        off = TUNING.apart * float(np.median(np.diff(times)))
+        if time - off > times[0] and time + off < times[-1]:
+            spans[k][i] = (log, least(partial(cost, k, i, log), time - off, time + off, TUNING.sections)[1])
+    return _over(terms, plain, [(begin, end) for begin, end in spans])
+
+
+def _about(terms: Terms, own: Array) -> Candidate:
+    """Return a load that is always there about the centre that its coefficients (4,) tell."""
+    return payload_about(terms, own[1:] / own[0])
+
+
 def _during(terms: Terms, plain: Candidate, held: Mask) -> Candidate:
     """Return a load that is held at some samples (N,)."""
     spans = sorted(_spans(terms, held), key=lambda one: -one[0])
-    share = np.sum([active(terms, *span) for _, span in spans], axis=0)
-    onset, end = spans[0][1]
-    made = replace(plain.during(share, onset, end), spans=tuple(span for _, span in spans), variant="held")
+    return _over(terms, plain, [span for _, span in spans])
+
+
+def _over(terms: Terms, plain: Candidate, spans: Sequence[Span]) -> Candidate:
+    """Return a load that is held over some spans, the longest first."""
+    share = np.sum([active(terms, *span) for span in spans], axis=0)
+    made = replace(plain.during(share, *spans[0]), spans=tuple(spans), variant="held")
     return replace(made, cost=2.0 * float(np.log(EVENTS.blocks)) * len(spans))
 
 

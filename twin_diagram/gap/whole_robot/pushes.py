@@ -13,7 +13,7 @@ from twin_diagram.gap.candidates.external_force import external_forces, force_at
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.events import TUNING as EVENTS
-from twin_diagram.gap.whole_robot.events import Beside, Moments, Tried, during, likeliest_spans, spanned
+from twin_diagram.gap.whole_robot.events import SpansBeside, Moments, Tried, during, likeliest_spans, spanned
 from twin_diagram.gap.whole_robot.held_by_friction import mostly_resting, shares_of_friction, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
@@ -76,7 +76,7 @@ def pushes(problem: RobotProblem, z: Array, terms: Terms) -> list[Candidate]:
     # A push alone lets the joints that it drives hang together over all of its span.
     quiet = replace(problem, share=np.maximum(problem.share, np.median(problem.share)))
     for _ in range(TUNING.rounds):
-        found = likeliest_spans(Beside.of(quiet, solve(quiet, None, z)), wrenches)
+        found = likeliest_spans(SpansBeside.of(quiet, solve(quiet, None, z)), wrenches)
         if not found:
             return []
         tried = [Tried.of(problem, z, spanned(terms, *one[1:])) for one in found]
