@@ -13,7 +13,7 @@ from twin_diagram.gap.candidates.external_force import external_forces, force_at
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.events import TUNING as EVENTS
-from twin_diagram.gap.whole_robot.events import SpansBeside, Moments, Tried, during, likeliest_spans, spanned
+from twin_diagram.gap.whole_robot.events import Moments, SpansBeside, Tried, during, likeliest_spans, spanned
 from twin_diagram.gap.whole_robot.held_by_friction import mostly_resting, shares_of_friction, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
