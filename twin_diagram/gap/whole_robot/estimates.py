@@ -55,7 +55,7 @@ class Tuning:
     """Share of the speed about which it changes by which that is off: a few speeds are tried."""
 
     held: float = 1e-3
-    """Share of its mass by which a load that is held for a while is off whatever a fit says, as it is no point: without,
+    """Share of its mass by which a load held for a while is off whatever a fit says, as it is no point: without,
     of eight made arms' loads a mass was three errors off, and two centres five and ten."""
 
     grip: float = 5e-4
