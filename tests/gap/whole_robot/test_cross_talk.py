@@ -20,17 +20,26 @@ SHARES = 0.02 * np.random.default_rng(5).normal(size=(6, 6)) * (1.0 - np.eye(6))
 """Of other joints' torques, with which sensors' own shares are as they should be."""
 
 
-def measured(mixed: Array = SHARES) -> Records:
-    """Of an arm with friction and a link that is off, whose sensors read a part of each other's torque."""
+def measured(mixed: Array = SHARES, *held: tuple[float, float]) -> Records:
+    """Of an arm with friction and a link that is off, whose sensors read a part of each other's torque.
+
+    It may hold a load for some spans [s].
+    """
     friction = [everywhere("viscous_friction", damping=2.0), everywhere("coulomb_friction", torque=1.0)]
     links = effect("inertial_parameters", links=["forearm_link"], mass=0.8, com=[0.01, 0.02, 0.01])
     records = noisy(ARM, ARM.with_effects([*friction, links]), 16.0)
     (record,) = records.records
+    loaded = noisy(ARM, ARM.with_effects([*friction, links, LOAD]), 16.0).records[0].torque
+    for begin, end in held:
+        during_it = ((record.time >= begin) & (record.time < end))[:, None]
+        record = replace(record, torque=np.where(during_it, loaded, record.torque))
     return replace(records, records=(replace(record, torque=record.torque + record.torque @ mixed.T),))
 
 
-def test_what_sensors_read_of_each_other_is_found() -> None:
-    found = cross_talk(measured())
+@pytest.mark.parametrize("held", [(), ((4.0, 9.0),)])
+def test_what_sensors_read_of_each_other_is_found(held: tuple[tuple[float, float], ...]) -> None:
+    """Also where a load that is held for a while hides it."""
+    found = cross_talk(measured(SHARES, *held))
     assert found is not None and np.all(np.diag(found) == 0.0)
     undone = (np.eye(6) - found) @ (np.eye(6) + SHARES)
     heavy = slice(1, 3)  # shoulder and elbow bear most, and are read by all others

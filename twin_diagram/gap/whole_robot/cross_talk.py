@@ -14,8 +14,10 @@ from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.residuals.prepared_logs import Records, prepare
 from twin_diagram.gap.whole_robot.colour_of_noise import quietest
 from twin_diagram.gap.whole_robot.explain import begun, settled
+from twin_diagram.gap.whole_robot.held_loads import held_loads
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
 from twin_diagram.gap.whole_robot.torque_equations import TorqueEquations, equations, low_passed
+from twin_diagram.gap.whole_robot.unusual import terms_of
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -56,8 +58,11 @@ def cross_talk(records: Records) -> Array | None:
     """
     n = records.n
     try:
-        plain, z = settled(begun(records, sums := equations(records)))
-        beside = replace(plain, sums=sums.with_further(_shares(sums)))
+        plain, z = settled(begun(records, equations(records)))
+        loads = held_loads(plain, z, terms_of(plain.sums, records.model))
+        if loads:  # which hides what sensors read, and is told roughly beside that
+            plain, z = settled(replace(plain, sums=plain.sums.with_further(loads)))
+        beside = replace(plain, sums=plain.sums.with_further([*loads, *_shares(plain.sums)]))
         beside, there = settled(beside, np.concatenate([z, np.zeros(n * (n - 1))]))
         before, after = LeftOut.of(plain, z).rms, LeftOut.of(beside, there).rms
     except np.linalg.LinAlgError:  # a log in which next to nothing moves
@@ -67,7 +72,7 @@ def cross_talk(records: Records) -> Array | None:
     if np.mean(after < TUNING.left * before) <= TUNING.joints or rise < TUNING.each * n * (n - 1):
         return None
     result = np.zeros((n, n))
-    result[~np.eye(n, dtype=bool)] = there[14 * n :]
+    result[~np.eye(n, dtype=bool)] = there[-n * (n - 1) :]
     return result
 
 
