@@ -40,6 +40,7 @@ class Candidate:
         onset: (record, time) from which on it acts, else from the begin.
         end: (record, time) until which it acts.
         spans: all in which it acts, of which `onset` and `end` are the longest; empty: in that one, or always.
+        vague: standard errors of the spans' begins and ends [s], where they are known.
         variant: tells candidates of one name and place apart.
         excludes: names that are not said beside it.
         unheard: (ΣD,) share of each sample whose logged torque does not count for it, nor the noise in it; None: all
@@ -62,6 +63,7 @@ class Candidate:
     onset: Moment | None = None
     end: Moment | None = None
     spans: tuple[Span, ...] = ()
+    vague: tuple[tuple[float, float], ...] = ()
     variant: str = ""
     excludes: frozenset[str] = frozenset()
     unheard: Array | None = None

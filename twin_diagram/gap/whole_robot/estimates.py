@@ -213,7 +213,8 @@ def _further(
         name, s = candidate.name, problem.place(at)
         told = candidate.parameters(z[s], spread[s, s])
         joints = tuple(model.joints[j] for j in candidate.joints)
-        when = [None if moment is None else Moment(*moment, step) for moment in (candidate.onset, candidate.end)]
+        vague = candidate.vague or ((step, step),) * max(len(candidate.spans), 1)
+        when = [x and Moment(*x, error) for x, error in zip((candidate.onset, candidate.end), vague[0], strict=True)]
         nothing = Finding(name, (), candidate.links, {}, sure[name], onset=when[0], end=when[1])
         claim = candidate.place if candidate.spans else name  # one per load that is held for a while
         before = found.get(claim, nothing)
@@ -232,7 +233,7 @@ def _further(
             parameters[key] = {**others, **mine}
         found[claim] = replace(before, joints=(*before.joints, *joints), parameters=parameters)
         for k, span in enumerate(candidate.spans[1:]):  # the same load again
-            when = [None if moment is None else Moment(*moment, step) for moment in span]
+            when = [x and Moment(*x, error) for x, error in zip(span, vague[k + 1], strict=True)]
             found[(claim, k)] = replace(found[claim], onset=when[0], end=when[1])
     return tuple(found.values())
 

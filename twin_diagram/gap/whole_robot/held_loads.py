@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap.candidates.candidate import Candidate, Span
+from twin_diagram.gap.candidates.candidate import Candidate, Moment, Span
 from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.golden_section import least
@@ -182,9 +182,16 @@ def _moment(total: Array, near: int, width: int, sign: float) -> int:
     if near in (0, len(total) - 1):
         return int(near)
     first, last = max(near - 2 * width, 0), min(near + 2 * width, len(total) - 1)
-    cost = sign * total[first : last + 1]
-    alike = np.flatnonzero(cost <= np.min(cost) + TUNING.likely)
-    return first + round(float(np.mean(alike)))
+    alike = _alike(sign * total, first + int(np.argmin(sign * total[first : last + 1])))
+    return round(float(np.mean(alike)))
+
+
+def _alike(cost: Array, best: int) -> tuple[int, int]:
+    """Return the first and the last sample about the best one that are as likely, by their costs (N + 1,) [nats]."""
+    worse = np.flatnonzero(np.abs(cost - cost[best]) > TUNING.likely)
+    at = int(np.searchsorted(worse, best))
+    first = int(worse[at - 1]) + 1 if at > 0 else 0
+    return first, int(worse[at]) - 1 if at < len(worse) else len(cost) - 1
 
 
 def _sharper(problem: RobotProblem, z: Array, terms: Terms, load: Candidate) -> Candidate:
@@ -219,7 +226,20 @@ def _sharper(problem: RobotProblem, z: Array, terms: Terms, load: Candidate) -> 
         off = TUNING.apart * float(np.median(np.diff(times)))
         if time - off > times[0] and time + off < times[-1]:
             spans[k][i] = (log, least(partial(cost, k, i, log), time - off, time + off, TUNING.sections)[1])
-    return _over(terms, plain, [(begin, end) for begin, end in spans])
+    made = _over(terms, plain, [(begin, end) for begin, end in spans])
+    total = np.concatenate([[0.0], np.cumsum(np.sum(weight * (2.0 * without * torque - torque**2), axis=1))])
+    return replace(made, vague=tuple((_vague(terms, total, a), _vague(terms, total, b)) for a, b in made.spans))
+
+
+def _vague(terms: Terms, total: Array, moment: Moment | None) -> float:
+    """Return a moment's standard error [s] by how long each one is as likely, `total` being by how much up to each."""
+    if moment is None:
+        return 0.0
+    records = terms.records
+    own = np.flatnonzero(records.owner == moment[0])
+    at = int(own[0] + np.searchsorted(records.times[own], moment[1]))
+    first, last = np.clip(_alike(total, at), own[0], own[-1])
+    return max(float(records.times[last] - records.times[first]), 1.0 / records.rate) / np.sqrt(12.0)
 
 
 def _about(terms: Terms, own: Array) -> Candidate:
