@@ -25,13 +25,15 @@ from twin_diagram.gap.whole_robot.beside_the_usual import rise_beside_the_usual
 from twin_diagram.gap.whole_robot.column_sums import summed
 from twin_diagram.gap.whole_robot.concluding import confidences, of_offsets, own_units, what_each_brings
 from twin_diagram.gap.whole_robot.estimates import covariance
+from twin_diagram.gap.whole_robot.events import TUNING as EVENTS
+from twin_diagram.gap.whole_robot.events import Tried, counted
 from twin_diagram.gap.whole_robot.evident import evident
 from twin_diagram.gap.whole_robot.explain import begun, concluded, rather, settled, settled_beside
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.left_out import LeftOut
 from twin_diagram.gap.whole_robot.loads import evidence, loaded, rise_with
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
-from twin_diagram.gap.whole_robot.pushes import TUNING, _innermost, _Tried, counted, pushes
+from twin_diagram.gap.whole_robot.pushes import TUNING, _innermost, pushes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, equations
 from twin_diagram.gap.whole_robot.unusual import offered, room_for, terms_of, unusual, weighed, with_candidate
 from twin_diagram.model.effects import Effect, make
@@ -411,9 +413,9 @@ def test_what_friction_does_at_a_crawl_is_no_push(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_push_whose_wrench_is_told_is_taken_for_one_that_would_have_no_name() -> None:
-    def push(score: float, *links: str, told: bool) -> _Tried:
+    def push(score: float, *links: str, told: bool) -> Tried:
         made = Candidate("external_force", (), links, (0,), *[np.zeros(3)] * 4, lambda c, covariance: {})
-        return _Tried(made, score, 2, np.zeros(2), np.ones(2), np.ones(2), told)
+        return Tried(made, score, 2, np.zeros(2), np.ones(2), np.ones(2), told)
 
     vague, told = push(205.0, "upper_arm", told=False), push(200.0, "forearm", told=True)
     assert _innermost([vague, told]) is told
@@ -445,7 +447,7 @@ def test_a_push_costs_what_the_motion_tells_of_it(monkeypatch: pytest.MonkeyPatc
     left_out, last = LeftOut.of(start, z), ARM.bodies.body_of(ARM.last_link)[0]
     (wrench,) = [c for c in external_forces(terms) if c.links == ("shoulder_link",) and c.size == 6]
     span = (0, 3.0), (0, 6.0)
-    push = replace(wrench.during(active(terms, *span), *span), cost=2.0 * float(np.log(TUNING.blocks)))
+    push = replace(wrench.during(active(terms, *span), *span), cost=2.0 * float(np.log(EVENTS.blocks)))
     assert counted(push) == 1 and counted(wrench) == 6
     assert weighed(start, z, left_out, push, last) is not None
     monkeypatch.setattr("twin_diagram.gap.whole_robot.unusual.counted", lambda candidate: candidate.size)

@@ -13,6 +13,12 @@ from twin_diagram.signals.arrays import Array
 Values = dict[str, tuple[Array, Array]]
 """Parameter key → value and standard error, each (k,)."""
 
+Moment = tuple[int, float]
+"""Record and time [s]."""
+
+Span = tuple[Moment | None, Moment | None]
+"""From one moment until another; None: the logs' begin or end."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -33,6 +39,8 @@ class Candidate:
         admits: further conditions on the coefficients.
         onset: (record, time) from which on it acts, else from the begin.
         end: (record, time) until which it acts.
+        spans: all in which it acts, of which `onset` and `end` are the longest; empty: in that one, or always.
+        vague: standard errors of the spans' begins and ends [s], where they are known.
         variant: tells candidates of one name and place apart.
         excludes: names that are not said beside it.
         unheard: (ΣD,) share of each sample whose logged torque does not count for it, nor the noise in it; None: all
@@ -52,8 +60,10 @@ class Candidate:
     shape: Mapping[str, float] = field(default_factory=dict)
     cost: float = 0.0
     admits: Callable[[Array], bool] | None = None
-    onset: tuple[int, float] | None = None
-    end: tuple[int, float] | None = None
+    onset: Moment | None = None
+    end: Moment | None = None
+    spans: tuple[Span, ...] = ()
+    vague: tuple[tuple[float, float], ...] = ()
     variant: str = ""
     excludes: frozenset[str] = frozenset()
     unheard: Array | None = None
@@ -70,9 +80,14 @@ class Candidate:
         return int(self.columns.shape[2])
 
     @cached_property
-    def place(self) -> tuple[str, tuple[int, ...], tuple[str, ...]]:
-        """Name, joints and links: what a finding claims."""
-        return self.name, self.joints, self.links
+    def place(self) -> tuple[object, ...]:
+        """Name, joints and links, and spans where there may be several: what a finding claims."""
+        return self.name, self.joints, self.links, *self.spans
+
+    @property
+    def passing(self) -> bool:
+        """Whether it acts for a part of the logs alone."""
+        return self.onset is not None or self.end is not None
 
     def allows(self, coefficients: Array) -> bool:
         """Return whether coefficients are physical."""
@@ -82,7 +97,7 @@ class Candidate:
             inside = bool(np.all(coefficients >= self.lower) and np.all(coefficients <= self.upper))
         return inside and (self.admits is None or self.admits(coefficients))
 
-    def during(self, active: Array, onset: tuple[int, float] | None, end: tuple[int, float] | None) -> Candidate:
+    def during(self, active: Array, onset: Moment | None, end: Moment | None) -> Candidate:
         """Return the same, acting only where `active` (ΣD,) is 1."""
         return replace(self, columns=self.columns * active[:, None, None], onset=onset, end=end)
 

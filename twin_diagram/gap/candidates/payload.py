@@ -34,6 +34,11 @@ class Tuning:
 TUNING = Tuning()
 
 
+def carried_always(candidate: Candidate) -> bool:
+    """Return whether a candidate is a mass at the last link that is there all the time."""
+    return candidate.name == Payload.name and not candidate.passing
+
+
 def on_arm(terms: Terms) -> list[Candidate]:
     """Return a point and a body at the last link."""
     return [payload(terms), bulky_payload(terms)]

@@ -5,12 +5,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.findings import Estimate, Finding, Verdict
 from twin_diagram.gap.report.numbers import with_error
 from twin_diagram.model.effects.actuation import TorqueBias
+from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 
 
@@ -39,7 +41,7 @@ def summary(verdict: Verdict) -> str:
     """Return the verdict on one line."""
     count = len(verdict.noise_floor)
     sure = [finding for finding in verdict.findings if not finding.is_guess()]
-    parts = [_unusual(finding, count) for finding in sure if not _group(finding)]
+    parts = list(dict.fromkeys(_unusual(f, count) + _held(f, sure) for f in sure if not _group(f)))
     groups: dict[str, set[str]] = {}
     for finding in sure:
         if word := _group(finding):
@@ -82,6 +84,20 @@ def _unusual(finding: Finding, count: int) -> str:
         each = ", ".join(f"{key} {with_error(value)}" for key, value in alike.items())
         words = f"{words} ({each})" if len(alike) > 1 else f"{words} {with_error(first)}"
     return f"{words} {_on(set(finding.joints), 'joint', count)}" if finding.joints else words
+
+
+def _held(finding: Finding, among: Sequence[Finding]) -> str:
+    """Return when a load is held, if that is for a part of the logs only; the same may be held several times."""
+    if finding.name != Payload.name:
+        return ""
+    again = sum(one.name == finding.name and one.parameters == finding.parameters for one in among)
+    if again > 1:
+        return f", held {again} times"
+    if finding.onset is None:
+        return f", until {finding.end.time:.2f} s" if finding.end is not None else ""
+    if finding.end is None:
+        return f", from {finding.onset.time:.2f} s on"
+    return f", held from {finding.onset.time:.2f} to {finding.end.time:.2f} s"
 
 
 def _on(places: set[str], kind: str, count: int) -> str:

@@ -68,7 +68,7 @@ class Proposer:
         self._forces: list[Candidate] | None = None
         self._force_columns: list[Array] = []
         self._steps: dict[tuple[int, float], Array] = {}
-        self._asked: set[frozenset[tuple[str, tuple[int, ...], tuple[str, ...]]]] = set()
+        self._asked: set[frozenset[tuple[object, ...]]] = set()
 
     def __call__(self, bench: Bench, members: Members) -> list[int]:
         """Add candidates beside a hypothesis and return their indices; each hypothesis is looked at once."""

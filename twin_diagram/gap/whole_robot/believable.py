@@ -8,8 +8,8 @@ import numpy as np
 
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.beside_the_usual import EVIDENT
+from twin_diagram.gap.whole_robot.events import counted
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
-from twin_diagram.gap.whole_robot.pushes import counted
 from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.transmission import JointSpring
 
@@ -49,7 +49,7 @@ def believable(problem: RobotProblem, at: int = -1) -> bool:
     if not candidate.allows(z[s]) or np.any(least):  # no more than what is no effect at all
         return False
     if candidate.name == Payload.name:
-        own, mass = estimates.own_doubt(problem), abs(z[s][0])
+        own, mass = 0.0 if candidate.passing else estimates.own_doubt(problem), abs(z[s][0])
         return bool(mass > TUNING.beyond_own * own and np.hypot(np.sqrt(covariance[0, 0]), own) < TUNING.third * mass)
     if candidate.name in EVIDENT:  # gains that have no name would be noise here, which evidence counts against it
         return True

@@ -27,7 +27,7 @@ def whitened(problem: RobotProblem, after: RobotProblem, candidate: Candidate) -
         candidate: what is judged. A push alone lets a joint's residual hang together over all of its span: that is no
             noise, which went on before and after it.
     """
-    return between(problem, after) if candidate.onset is None else quietest(problem, after)
+    return quietest(problem, after) if candidate.passing else between(problem, after)
 
 
 def quietest(problem: RobotProblem, after: RobotProblem) -> RobotProblem:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.errors import ModelError
+from twin_diagram.gap.candidates.payload import carried_always
 from twin_diagram.gap.correction.merge_effects import merged
 from twin_diagram.gap.correction.named_effects import specs_of
 from twin_diagram.gap.findings import Finding, Separation
@@ -17,16 +18,15 @@ from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.believable import without_doubtful
 from twin_diagram.gap.whole_robot.beside_dry import TUNING as BESIDE_DRY
 from twin_diagram.gap.whole_robot.beside_dry import damped, largest_share, rubbing, told_beside
-from twin_diagram.gap.whole_robot.beside_the_usual import offset_evidence
+from twin_diagram.gap.whole_robot.beside_the_usual import offset_evidence, rise_beside_the_usual
 from twin_diagram.gap.whole_robot.bounded_step import Chosen
 from twin_diagram.gap.whole_robot.left_out import TUNING as LEFT_OUT
 from twin_diagram.gap.whole_robot.left_out import LeftOut, Linearised, earning, free_units, likelihood, units
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import OWN
-from twin_diagram.gap.whole_robot.unusual import room_for
+from twin_diagram.gap.whole_robot.unusual import price, room_for
 from twin_diagram.gap.whole_robot.well_told import share_of, well_told
 from twin_diagram.model.effects.actuation import TorqueBias, TorqueConstant
-from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.link_inertia import InertialParameters
 from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
@@ -216,7 +216,9 @@ def said_of(problem: RobotProblem, z: Array, spread: Array) -> WholeRobot | None
     wide, least = (estimates.beside_all(x, every, z) for x in (estimates.widened(spread, left_out.fits), spread))
     own = [float(brought[k][(k - problem.n) // len(OWN)]) if k in brought else 0.0 for k in own_units(problem)]
     spread = estimates.by_evidence(wide, least, z - problem.mean, np.reshape(own, (problem.n, len(OWN))))
-    sure = confidences(problem, {**brought, **of_offsets(problem, z, brought), **of_drives(problem, brought)})
+    sure = confidences(
+        problem, {**brought, **of_offsets(problem, z, brought), **of_drives(problem, brought), **of_loads(problem, z)}
+    )
     found = estimates.findings(problem, z, spread, given, sure)
     fitted = np.sqrt(problem.squares(z, problem.sums.whole) / problem.sums.counted)
     model = corrected(given, found, [record.mark for record in problem.sums.records.records])
@@ -289,7 +291,7 @@ def sure_ones(problem: RobotProblem) -> tuple[RobotProblem, Array, Array]:
     """
     z, own = None, slice(10 * problem.n, 14 * problem.n)
     missed = np.zeros_like(problem.own_free)
-    loaded = any(candidate.name == Payload.name for candidate in problem.sums.further)
+    loaded = any(carried_always(candidate) for candidate in problem.sums.further)
     while True:
         share = largest_share(problem, TUNING.third)
         z = solve(problem, None, z)
@@ -352,6 +354,17 @@ def of_offsets(problem: RobotProblem, z: Array, brought: dict[int, Array]) -> di
     most = offset_evidence(problem, z) if len(free) else np.zeros(problem.n)
     units = {int(j): problem.n + len(OWN) * int(j) + k for j in free}
     return {unit: np.minimum(brought[unit], most[j]) for j, unit in units.items() if unit in brought}
+
+
+def of_loads(problem: RobotProblem, z: Array) -> dict[int, Array]:
+    """Return what loads that are held for a while bring (n,) [nats]: left-out motion tells of none.
+
+    That is the rise of the evidence beside everything usual, less the price of mass, centre and times.
+    """
+    sums, first = problem.sums, own_units(problem).stop
+    held = {k: candidate for k, candidate in enumerate(sums.further) if candidate.spans}
+    rises = {k: rise_beside_the_usual(problem, z, candidate) - price(candidate) for k, candidate in held.items()}
+    return {first + k: np.full(problem.n, rise / problem.n) for k, rise in rises.items()}
 
 
 def of_drives(problem: RobotProblem, brought: dict[int, Array]) -> dict[int, Array]:

@@ -6,11 +6,13 @@ everywhere; counted as noise, that hides them.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from twin_diagram.gap.candidates.candidate import Candidate, Moment
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem
 from twin_diagram.logs.differentiation import TUNING as DIFFERENTIATION
 
@@ -38,12 +40,17 @@ def without_edges(problem: RobotProblem) -> RobotProblem | None:
     return replace(problem, sums=problem.sums.weighted(np.where(near[:, None], 0.0, problem.sums.weights)))
 
 
+def moments_of(candidate: Candidate) -> list[Moment | None]:
+    """Return all begins and ends of a candidate, in turn; None for what is the logs' own, or where it acts always."""
+    return list(itertools.chain(*(candidate.spans or [(candidate.onset, candidate.end)])))
+
+
 def edges(problem: RobotProblem) -> npt.NDArray[np.bool_]:
     """Return (N,) which samples are about a moment at which something begins or ends."""
     records = problem.sums.records
     near = np.zeros(len(problem.sums.columns), dtype=bool)
     for candidate in problem.sums.further:
-        for moment in (candidate.onset, candidate.end):
+        for moment in moments_of(candidate):
             if moment is not None:
                 log, time = moment
                 band = min(DIFFERENTIATION.residual_cutoff, records.records[log].band)

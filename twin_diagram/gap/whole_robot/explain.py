@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin_diagram.gap.candidates.payload import carried_always
 from twin_diagram.gap.experiments.advice import experiment
-from twin_diagram.gap.findings import Separation
+from twin_diagram.gap.findings import Finding, Separation
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.residuals.regressors import present
 from twin_diagram.gap.whole_robot.all_links import with_all_links
@@ -132,7 +133,7 @@ def better(plain: WholeRobot | None, carried: WholeRobot | None, whole: RobotPro
     if carried is None or plain is None:
         return plain or carried
     judge = quieter(whole, [plain, carried])
-    if Payload.name not in (c.name for c in carried.problem.sums.further):  # what was found beside it may yet be better
+    if not has_load(carried):  # what was found beside it may yet be better
         return max(plain, carried, key=lambda one: worth(one, judge))
     rise = needed(carried.problem, plain.problem.sums.further)
     if rise < LOADS.worth:
@@ -153,12 +154,12 @@ def beside_what_was_found(found: WholeRobot, whole: RobotProblem, told: Array) -
         whole: with everything usual free.
         told: (14 n, 14 n) covariance that links and joints' own terms were found with before.
     """
-    if Payload.name in (c.name for c in found.problem.sums.further):
+    if has_load(found):
         return found
     near = replace(whole, told=told)
     load = loaded(near, solve(near))
     carried = None if load is None else best_of(*settled(load), True)
-    if carried is None or Payload.name not in (c.name for c in carried.problem.sums.further):
+    if carried is None or not has_load(carried):
         return found
     judge = quieter(whole, [found, carried])
     rise = float(np.sum(likelihood(judge, carried.left) - likelihood(judge, found.left)))
@@ -184,6 +185,16 @@ def beside_its_events(found: WholeRobot, whole: RobotProblem) -> WholeRobot:
     return more if more is not None and named(found) <= named(more) else found
 
 
+def has_load(found: WholeRobot) -> bool:
+    """Return whether there is a payload that is there all the time."""
+    return any(carried_always(candidate) for candidate in found.problem.sums.further)
+
+
+def is_load(finding: Finding) -> bool:
+    """Return whether a finding is a payload that is there all the time."""
+    return finding.name == Payload.name and finding.onset is None and finding.end is None
+
+
 def named(found: WholeRobot) -> set[str]:
     """Return the names of what is unusual."""
     return {candidate.name for candidate in found.problem.sums.further} & {one.name for one in found.findings}
@@ -197,7 +208,7 @@ def as_sure(found: WholeRobot, rise: float) -> WholeRobot:
         rise: of the evidence that it brings [nats].
     """
     sure = float(1.0 / (1.0 + np.exp(-min(rise - LOADS.worth, 30.0))))
-    findings = [replace(one, confidence=sure) if one.name == Payload.name else one for one in found.findings]
+    findings = [replace(one, confidence=sure) if is_load(one) else one for one in found.findings]
     return replace(found, findings=tuple(findings))
 
 
@@ -232,7 +243,7 @@ def quieter(whole: RobotProblem, found: Sequence[WholeRobot]) -> RobotProblem:
     What one of them explains is no noise, or a joint that the others leave coloured would count too little.
     """
     for one in found:
-        brief = [c for c in one.problem.sums.further if c.onset is not None]
+        brief = [c for c in one.problem.sums.further if c.passing]
         noise = with_noise(one.problem, one.coordinates)
         whole = whitened(whole, noise, brief[0]) if brief else between(whole, noise)
     return whole
@@ -247,7 +258,7 @@ def nearest(told: Sequence[WholeRobot], whole: RobotProblem) -> tuple[Separation
     """
     if len(told) < 2:
         return ()
-    loads = [[f"{f.name} on {f.links[0]}" for f in one.findings if f.name == Payload.name] for one in told]
+    loads = [[f"{f.name} on {f.links[0]}" for f in one.findings if is_load(f)] for one in told]
     if bool(loads[0]) == bool(loads[1]):
         return ()
     links = [

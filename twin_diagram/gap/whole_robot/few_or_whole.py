@@ -161,7 +161,28 @@ def why_none_alone(logs: Sequence[Log]) -> str:
 
 def told_of_whole(whole: WholeRobot, logs: Sequence[Log], floor: Array) -> list[str]:
     """Return what is said of a robot as a whole beside its names; `floor` (n,) is that of noise [N·m]."""
-    return told_of_lag(whole) + told_of_one_late(whole) + taking_over.told_of_rests(whole, logs, floor)
+    return (
+        told_of_held(whole, logs)
+        + told_of_lag(whole)
+        + told_of_one_late(whole)
+        + taking_over.told_of_rests(whole, logs, floor)
+    )
+
+
+def told_of_held(whole: WholeRobot, logs: Sequence[Log]) -> list[str]:
+    """Return what is said of loads that are held for a part of the fitted runs, a line per load."""
+    result, told = [], [candidate for candidate in whole.problem.sums.further if candidate.spans]
+    for load in told:
+        spans = []
+        for onset, end in sorted(load.spans, key=lambda span: span[0] or (-1, 0.0)):
+            log = (onset or end or (0, 0.0))[0]
+            begin = "the begin" if onset is None else f"{onset[1]:.2f}"
+            until = "to the end" if end is None else f"to {end[1]:.2f} s"
+            spans.append(f"{begin} {until}" + (f" of {logs[log].source}" if len(logs) > 1 else ""))
+        later = "it is taken to be there in later runs" if load.end is None else "it is taken to be gone in other runs"
+        more = "; gap.json tells of the longest" if len(spans) > 1 else ""
+        result.append(f"a load is held for a part of the fitted runs only: {', '.join(spans)}{more}; {later}")
+    return result
 
 
 def told_of_one_way(verdict: Verdict, records: Records) -> list[str]:

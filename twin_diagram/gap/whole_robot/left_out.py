@@ -54,7 +54,7 @@ class LeftOut:
     @staticmethod
     def of(problem: RobotProblem, start: Array) -> LeftOut:
         """Leave each kind of motion out in turn."""
-        if any(candidate.onset is not None for candidate in problem.sums.further):
+        if any(candidate.passing for candidate in problem.sums.further):
             start = solve(problem, None, start)
             problem = replace(problem, held=start)
         fits = np.stack([fitted(problem, form, start) for form in problem.forms_without])

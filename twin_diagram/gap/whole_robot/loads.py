@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate
-from twin_diagram.gap.candidates.payload import payload, payload_about
+from twin_diagram.gap.candidates.payload import carried_always, payload, payload_about
 from twin_diagram.gap.candidates.whole_arm import last_body, reach
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.whole_robot.believable import believable
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, known_spreads, solve, with_noise
 from twin_diagram.gap.whole_robot.unusual import carried, offered, terms_of, with_candidate
 from twin_diagram.model.effects.actuation import TorqueConstant
-from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.signals.arrays import Array
 
 
@@ -126,7 +125,7 @@ def needed(problem: RobotProblem, others: Sequence[Candidate]) -> float:
         others: what is there in an explanation without one.
     """
     there = {candidate.place: candidate for candidate in (*others, *problem.sums.further)}
-    (load,) = [candidate for candidate in there.values() if candidate.name == Payload.name]
+    (load,) = [candidate for candidate in there.values() if carried_always(candidate)]
     rest = [candidate for candidate in there.values() if candidate is not load]
     return rise_with(problem, solve(problem), load, rest)[0]
 

@@ -1,4 +1,4 @@
-"""Logs made ready for all that is fitted: without contacts that no law describes, torques in time with their motion."""
+"""Logs made ready for all that is fitted: without contacts that no law describes, torques in time and of one joint."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot.contacts import Contact, beside_contacts
+from twin_diagram.gap.whole_robot.cross_talk import without_cross_talk
 from twin_diagram.gap.whole_robot.lagging_torque import in_time
 from twin_diagram.logs import Log
 from twin_diagram.logs.parting import longest
@@ -29,7 +30,7 @@ class ReadyLogs(NamedTuple):
 
 
 def made_ready(given: Model, logs: list[Log], held: Log, notes: list[str]) -> ReadyLogs:
-    """Leave contacts out of logs, and shift torques that lag; `notes` grow.
+    """Leave contacts out of logs, shift torques that lag, and part those that read each other; `notes` grow.
 
     Args:
         given: the given model.
@@ -39,4 +40,5 @@ def made_ready(given: Model, logs: list[Log], held: Log, notes: list[str]) -> Re
     """
     logs, records, spans = beside_contacts(given, logs, notes)
     held = longest(beside_contacts(given, [held], notes, "; the longest stretch is held out")[0])
-    return ReadyLogs(*in_time(given, logs, held, records, notes), spans)
+    logs, held, records = in_time(given, logs, held, records, notes)
+    return ReadyLogs(*without_cross_talk(given, logs, held, records, notes), spans)

@@ -136,7 +136,7 @@ class RobotProblem:
     def _still(self) -> Chosen:
         """(E,) which coefficients of further candidates are held."""
         sizes = [c.size for c in self.sums.further]
-        brief = [self.held is not None and c.onset is not None for c in self.sums.further]
+        brief = [self.held is not None and c.passing for c in self.sums.further]
         return np.repeat(np.array(brief, dtype=bool), sizes)
 
     @property

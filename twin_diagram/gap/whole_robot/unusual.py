@@ -13,6 +13,7 @@ import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate
 from twin_diagram.gap.candidates.gravity_tilt import tilt
+from twin_diagram.gap.candidates.payload import carried_always
 from twin_diagram.gap.candidates.records import RECORDS, record_of
 from twin_diagram.gap.candidates.whole_arm import last_body
 from twin_diagram.gap.residuals.regressors import Terms, slow_speed
@@ -21,17 +22,18 @@ from twin_diagram.gap.whole_robot.beside_the_usual import EVIDENT, rise_beside_t
 from twin_diagram.gap.whole_robot.beside_the_usual import TUNING as BESIDE
 from twin_diagram.gap.whole_robot.bounded_step import Chosen
 from twin_diagram.gap.whole_robot.colour_of_noise import quietest, whitened
+from twin_diagram.gap.whole_robot.events import counted
 from twin_diagram.gap.whole_robot.first_order import ReadyFits
 from twin_diagram.gap.whole_robot.free_level import with_free_level
+from twin_diagram.gap.whole_robot.held_loads import held_loads
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
-from twin_diagram.gap.whole_robot.pushes import counted, on_the_innermost, pushes
+from twin_diagram.gap.whole_robot.pushes import on_the_innermost, pushes
 from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.gap.whole_robot.transmitted_torque import transmitted
 from twin_diagram.model.effects.actuation import TorqueBias, TorqueConstant
 from twin_diagram.model.effects.environment import ExternalForce, GravityTilt
 from twin_diagram.model.effects.friction_stribeck_load import LoadDependentFriction
-from twin_diagram.model.effects.inertia import Payload
 from twin_diagram.model.effects.sensing import EncoderOffset
 from twin_diagram.model.effects.transmission import JointSpring
 from twin_diagram.model.model import Model
@@ -146,7 +148,8 @@ def unusual(problem: RobotProblem, start: Array, model: Model, names: tuple[str,
     for _ in range(TUNING.most):
         left_out = LeftOut.of(problem, z)
         pushed = ExternalForce.name in (c.name for c in problem.sums.further)
-        there = steady + (pushes(problem, z, terms) if ExternalForce.name in names and not pushed else [])
+        events = [] if ExternalForce.name not in names else held_loads(problem, z, terms)
+        there = steady + events + (pushes(problem, z, terms) if ExternalForce.name in names and not pushed else [])
         tried = [
             weighed(problem, z, left_out, there[k], last) for k in worth_trying(ReadyFits.of(left_out), there, offsets)
         ]
@@ -189,7 +192,7 @@ def weighed(problem: RobotProblem, z: Array, left_out: LeftOut, candidate: Candi
     """
     tried = with_candidate(problem, candidate, last)
     fitted = solve(tried, None, carried(problem, z, tried))
-    if candidate.onset is not None:  # beside which the joints that it pushes are as quiet as others
+    if candidate.passing:  # beside which the joints that it pushes are as quiet as others
         tried = with_noise(tried, fitted)
         fitted = solve(tried, None, fitted)
     rms, after = LeftOut.of(tried, fitted).rms, with_noise(tried, fitted)
@@ -225,7 +228,7 @@ def beside_rivals(problem: RobotProblem, z: Array, candidate: Candidate) -> list
 
 def stands_by(candidate: Candidate) -> float:
     """Return what a candidate must bring beside everything usual [nats]; 0 where left-out motion alone judges it."""
-    if candidate.onset is not None:
+    if candidate.passing:
         return price(candidate) + TUNING.event
     if candidate.name in EVIDENT:
         return BESIDE.evident
@@ -240,15 +243,15 @@ def likeliest(there: Sequence[Weighed]) -> Weighed | None:
     What is always there bends over any span, and a push there passes for it; beside it, the push is weighed again.
     """
     best = max(there, key=lambda one: one.gain, default=None)
-    if best is None or best.candidate.onset is None:
+    if best is None or not best.candidate.passing:
         return best
-    rivals = [one for one in there if one.candidate.onset is None and one.loud > TUNING.rather * best.gain]
+    rivals = [one for one in there if not one.candidate.passing and one.loud > TUNING.rather * best.gain]
     return max(rivals, key=lambda one: one.loud, default=best)
 
 
 def pushed_rightly(problem: RobotProblem, z: Array, terms: Terms) -> tuple[RobotProblem, Array]:
     """Return the problem with its push, if it has one, on the innermost link that suffices beside all else."""
-    for push in [c for c in problem.sums.further if c.onset is not None]:
+    for push in [c for c in problem.sums.further if c.name == ExternalForce.name and c.passing]:
         fewer = replace(problem, sums=problem.sums.with_further([c for c in problem.sums.further if c is not push]))
         there = on_the_innermost(fewer, solve(fewer, None, carried(problem, z, fewer)), terms, push)
         if not same(there, push):
@@ -266,7 +269,7 @@ def worth_trying(beside: ReadyFits, there: list[Candidate], offsets: list[Candid
         there: candidates.
         offsets: of joints, of which some of the candidates take the place.
     """
-    problem, pushed = beside.left_out.problem, [k for k, c in enumerate(there) if c.name == ExternalForce.name]
+    problem, pushed = beside.left_out.problem, [k for k, c in enumerate(there) if c.passing]
     bare = ~problem.own_free[:, OWN.index("bias")]
     level = {c.joints: max(beside.gain(c), 0.0) for c in offsets if bare[c.joints[0]]}
     instead = [level.get(c.joints, 0.0) if np.any(displaced(c, problem.n)) else 0.0 for c in there]
@@ -285,6 +288,8 @@ def recentred(problem: RobotProblem, z: Array, terms: Terms, last: int) -> tuple
     found = z[problem.place(newest)]
     about = record_of(candidate.name).recentred
     nearer = about(terms, candidate, found) if about is not None else None
+    if candidate.passing:  # which was looked for about where it is
+        return problem, z
     if candidate.name == TorqueConstant.name:
         mistaken = np.all(np.abs(found) > TUNING.mistaken * candidate.spread)
         nearer = replace(candidate, spread=np.abs(found)) if mistaken else candidate
@@ -317,7 +322,7 @@ def still_needed(problem: RobotProblem, z: Array) -> RobotProblem:
     while len(problem.sums.further) > 1:
         now, short = LeftOut.of(problem, z), []
         for k, candidate in enumerate(problem.sums.further):
-            if candidate.name == Payload.name:
+            if carried_always(candidate):
                 continue
             whiter = whitened(problem, with_noise(problem, z), candidate)
             rest = [c for c in problem.sums.further if c is not candidate]
@@ -358,14 +363,14 @@ def asked(problem: RobotProblem, candidate: Candidate) -> float:
 
 def least(candidate: Candidate) -> float:
     """Return what a name must bring: of what is common, less [nats]."""
-    if candidate.onset is not None:
+    if candidate.passing:
         return TUNING.event
     return TUNING.common if candidate.name in COMMON else TUNING.gain
 
 
 def price(candidate: Candidate) -> float:
     """Return what is asked of a candidate for its further coefficients, and for its times [nats]."""
-    return TUNING.each * (counted(candidate) - 1) + (candidate.cost if candidate.onset is not None else 0.0)
+    return TUNING.each * (counted(candidate) - 1) + (candidate.cost if candidate.passing else 0.0)
 
 
 def with_candidate(problem: RobotProblem, candidate: Candidate, last: int) -> RobotProblem:
@@ -381,7 +386,7 @@ def room_for(sums: TorqueEquations, last: int) -> tuple[Chosen, Chosen]:
     links, own = np.ones(sums.n, dtype=bool), np.ones((sums.n, len(OWN)), dtype=bool)
     for candidate in sums.further:
         own &= ~displaced(candidate, sums.n)
-        if candidate.name == Payload.name:
+        if carried_always(candidate):
             links[last] = False
     return links, own
 
