@@ -36,6 +36,7 @@ from twin_diagram.runs.learning.following import Followed, cover, follow, follow
 from twin_diagram.runs.learning.held_turns import Weight, middle, weight_felt
 from twin_diagram.runs.learning.in_the_way import TUNING as IN_THE_WAY
 from twin_diagram.runs.learning.in_the_way import why_barred, with_room
+from twin_diagram.runs.learning.laying_down import stand_or_lie
 from twin_diagram.runs.learning.looking_about import LyingAbout, look_about
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
@@ -45,6 +46,7 @@ from twin_diagram.runs.learning.regrasping import PLATFORM, fallen_pose, take_ag
 from twin_diagram.runs.learning.regrasping import TUNING as REGRASPING
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
+from twin_diagram.runs.learning.steadiness import FINE
 from twin_diagram.runs.learning.steady_picture import refuse_blind, resting_picture
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
@@ -68,9 +70,6 @@ class Tuning:
 
     fallen: float = 0.05
     """Half of the size of something that was let fall [m], for who puts others beside it."""
-
-    fine: float = 0.003
-    """Edge of cells where it matters how something stands [m]: a cap of 26 mm."""
 
     platform_spots: tuple[float, ...] = (0.0, 0.03, -0.03)
     """Off the platform's middle where things are set down [m]."""
@@ -244,14 +243,7 @@ def show_again(tools: Tools, shown: ShownObject, firm: bool = False) -> bool:
     low, high = (np.array(corner) for corner in tools.learning.platform)
     middle = 0.5 * (low + high)[:2]
     spots = [np.array([*(middle + [dx, dy]), high[2]]) for dx in TUNING.platform_spots for dy in TUNING.platform_spots]
-    points_T = shown.in_tool()
-    for R_WT in resting(shown.in_tool(TUNING.fine), shown.R_WT):
-        with contextlib.suppress(NoWay):
-            X_WT, _ = set_down(tools.mover, tools.cell, points_T, R_WT, spots)
-            break
-    else:
-        raise NoWay("no place to set it down is reached")
-    X_WS = X_WT @ np.linalg.inv(shown.X_ST[-1])
+    X_WS = stand_or_lie(tools.mover, tools.cell, shown, spots)
     R_WS_lying = X_WS[:3, :3]
     tools.mover.stand(PLATFORM, [cover(shown.followed) @ X_WS[:3, :3].T + X_WS[:3, 3]], float(high[2]))
     go_home(tools)  # out of the camera's sight of the platform
@@ -351,7 +343,7 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> P
     """
     low, high = (np.array(corner) for corner in tools.learning.into_bin)
     points_T, why = shown.in_tool(), NoWay("no room in the other bin")
-    for R_WT in resting(shown.in_tool(TUNING.fine), shown.R_WT):
+    for R_WT in resting(shown.in_tool(FINE), shown.R_WT):
         places = places_in(low, high, standing, points_T, R_WT)
         if not places:
             continue

@@ -14,6 +14,8 @@ STEADY: Final = 0.1
 let go so, fell over and rolled off the table."""
 NEAR: Final = 0.6
 """As far from how it leant a side on which it stands is looked for [rad]: heaps lean things by 25° and more."""
+FINE: Final = 0.003
+"""Edge of the cells that stand for a surface where it matters how it stands [m]: a cap of 26 mm."""
 LOWEST: Final = 0.999
 """Share of the points above the lowest one that counts: a few in the air are of no surface."""
 TOUCHING: Final = 0.003
