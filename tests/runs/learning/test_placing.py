@@ -200,8 +200,18 @@ def test_what_leans_as_it_stood_is_set_down_on_its_nearest_side() -> None:
     first = resting(corners, leaning)[0]
     assert np.sort(corners @ first[2])[:4] == pytest.approx(-0.09)
     assert np.arccos(0.5 * (np.trace(leaning.T @ first) - 1.0)) == pytest.approx(0.55)
-    slightly = DOWN @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -0.1], [0.0, 0.1, 1.0]]) / np.sqrt(1.01)
+    slightly = DOWN @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -0.02], [0.0, 0.02, 1.0]]) / np.sqrt(1.0004)
     assert resting(corners, slightly)[0] is slightly
+
+
+def test_what_leant_in_a_heap_is_levelled_before_it_is_let_go() -> None:
+    around = np.arange(0.0, 2.0 * np.pi, 0.3)
+    rings = [(0.013, 0.12), (0.013, 0.10), (0.035, 0.02), (0.035, -0.06)]  # radius, z in the tool: a bottle, cap below
+    bottle = np.array([[r * np.cos(a), r * np.sin(a), z] for r, z in rings for a in around])
+    c, s = np.cos(0.24), np.sin(0.24)
+    leant = DOWN @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    heights = bottle @ resting(bottle, leant)[0][2]
+    assert (heights < heights.min() + 1e-4).sum() == len(around), "it stands on all of its cap, and does not fall over"
 
 
 def test_points_on_one_plane_rest_as_they_stood() -> None:

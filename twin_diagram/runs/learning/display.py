@@ -6,7 +6,7 @@ not say, `following` does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from twin_diagram.errors import TwinError
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.runs.learning.cell import Cell, Picture
+from twin_diagram.runs.learning.held_turns import Weight, gentlest_first, parts_of
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import go
@@ -60,6 +61,12 @@ class Tuning:
 
     least: int = 60
     """Pixels of an object in a picture; fewer show nothing."""
+
+    upright: tuple[float, ...] = (0.0, 0.1, 0.2)
+    """Tilts between parts of a turn, of which the first that is reached is gone through [rad]."""
+
+    few: int = 4
+    """Pictures of a part of a turn at the least."""
 
 
 TUNING = Tuning()
@@ -127,8 +134,12 @@ def display(
     grasp: int,
     tilts: tuple[float, ...] = TUNING.tilts,
     during: Callable[[float], None] | None = None,
+    weight: Weight | None = None,
 ) -> list[HeldPicture]:
     """Show what is held, a full turn of the last joint at each tilt, and return the pictures.
+
+    Where the weight would turn it between the fingers, a turn is gone along in parts that hold it, and what leans least
+    is shown first.
 
     Args:
         mover: plans; it knows what is held.
@@ -138,6 +149,7 @@ def display(
         grasp: number of this one.
         tilts: of the tool's axis towards the camera [rad].
         during: is told each tick's time since the begin of its turn [s]: for who feels what is held, or meddles.
+        weight: of what is held; None: nobody knows, and all of each turn is gone along.
 
     Raises:
         NoWay: the arm cannot show it at any tilt.
@@ -146,14 +158,16 @@ def display(
     """
     taken: list[HeldPicture] = []
     ways = 0
-    for tilt in tilts:
-        q = _posture(mover, cell, learning, (tilt, *TUNING.more_tilts) if tilt == tilts[0] else (tilt,))
-        if q is None:
-            continue
-        ways += 1
-        if not taken and cell.opening < PICKING.empty:
-            raise NothingHeld("it fell on its way to the camera")
-        taken += _turn(mover, cell, learning, robot, grasp, q, during)
+    limit = 1.0 if weight is None else max(1.0, float(weight.use(mover.tool(cell.commanded)[None, :3, :3])[0]))
+    for tilt in tilts if weight is None else gentlest_first(tilts):
+        if weight is not None:
+            weight = weight.seen(np.concatenate([np.zeros((0, 3)), *(one.points_T(4) for one in taken)]))
+        tries = (tilt, *TUNING.more_tilts) if tilt == tilts[0] else (tilt,)
+        for part in _reached(mover, cell, learning, tries, weight, limit):
+            ways += 1
+            if not taken and cell.opening < PICKING.empty:
+                raise NothingHeld("it fell on its way to the camera")
+            taken += _turn(mover, cell, learning, robot, grasp, part, during)
     if not ways:
         raise NoWay("cannot be shown to the camera: no posture is reached")
     refuse_blind(learning.scan_camera, *(one.picture.depth for one in taken))
@@ -170,25 +184,109 @@ def tool_at(learning: Learning, tilt: float) -> Array:
     return pose(pointing(approach, np.array([0.0, 1.0, 0.0])), place)
 
 
-def _posture(mover: Mover, cell: Cell, learning: Learning, tilts: tuple[float, ...]) -> Array | None:
-    """Go to where the last joint's turn begins; return the joint angles there, None where no tilt is reached."""
+def _reached(
+    mover: Mover,
+    cell: Cell,
+    learning: Learning,
+    tilts: tuple[float, ...],
+    weight: Weight | None,
+    limit: float,
+) -> Iterator[tuple[float, float]]:
+    """Go to where each part of a turn at the first tilt that is reached begins, and yield it; nothing: none is reached.
+
+    Args:
+        mover: plans.
+        cell: whose arm holds something.
+        learning: where it is shown.
+        tilts: of which the first that is reached is taken [rad].
+        weight: of what is held; None: nobody knows.
+        limit: what may be asked of the grip, as `Weight.use` tells it: no less than as it hangs.
+    """
     ends = _ends(mover)
     for tilt in tilts:
+        begun = False
+        for goals, parts in _turns_at(mover, cell, learning, tilt, ends, weight, limit):
+            for part in parts:
+                # It begins at the end that is nearer; the last joint hardly changes what the arm is near to.
+                begin = part if cell.commanded[-1] < np.mean(part) else part[::-1]
+                goals[:, -1] = begin[0]
+                try:
+                    if part != ends:
+                        _upright(mover, cell, learning, begin[0])
+                    go(cell, mover.timed(mover.path(cell.commanded, goals)))
+                except NoWay:
+                    continue
+                begun = True
+                yield begin
+                if part != ends:
+                    _upright(mover, cell, learning, begin[1])
+            if begun:
+                return
+
+
+def _turns_at(
+    mover: Mover,
+    cell: Cell,
+    learning: Learning,
+    tilt: float,
+    ends: tuple[float, float],
+    weight: Weight | None,
+    limit: float,
+) -> Iterator[tuple[Array, list[tuple[float, float]]]]:
+    """Yield joint angles (G, n) at a tilt [rad], and parts of the last joint's turn there that hold; whole ones first.
+
+    Arguments as of `_reached`; `ends`: between which it turns.
+    """
+    goals = _clear(mover, cell, learning, tilt, ends)
+    if weight is None:
+        yield goals, [ends]
+        return
+    parts = [_held_parts(mover, q, ends, weight, limit) for q in goals]
+    whole = np.array([few == [ends] for few in parts], dtype=bool)
+    if whole.any():
+        yield goals[whole], [ends]
+    for q, few in zip(goals[~whole], [few for few in parts if few != [ends]], strict=True):
+        yield q[None].copy(), few
+
+
+def _clear(mover: Mover, cell: Cell, learning: Learning, tilt: float, ends: tuple[float, float]) -> Array:
+    """Return joint angles (G, n) at a tilt [rad] about which the last joint turns freely, the nearest first."""
+    goals = mover.goals(tool_at(learning, tilt), cell.commanded)
+    if not len(goals):
+        return goals
+    turned = np.repeat(goals[:, None], 9, axis=1)
+    turned[:, :, -1] = np.linspace(*ends, 9)
+    clear = mover.free(turned.reshape(-1, goals.shape[1]), 0.005).reshape(len(goals), 9).all(axis=1)
+    return np.asarray(goals[clear])
+
+
+def _held_parts(
+    mover: Mover, q: Array, ends: tuple[float, float], weight: Weight, limit: float
+) -> list[tuple[float, float]]:
+    """Return from where to where the last joint may turn at joint angles (n,) [rad]; see `parts_of`."""
+    angles = np.linspace(*ends, 120)
+    turned = np.repeat(q[None], len(angles), axis=0)
+    turned[:, -1] = angles
+    chain = mover.scene.chain
+    held = weight.use(chain.tool(chain.place(turned))[:, :3, :3]) <= limit
+    return [ends] if held.all() else parts_of(held, angles)
+
+
+def _upright(mover: Mover, cell: Cell, learning: Learning, last: float) -> None:
+    """Have the tool hang down where things are shown, at first with its last joint as it is, then at an angle [rad].
+
+    Raises:
+        NoWay: there is none.
+    """
+    for tilt in TUNING.upright:
         goals = mover.goals(tool_at(learning, tilt), cell.commanded)
         if not len(goals):
             continue
-        # The turn begins at the end that is nearer; the last joint hardly changes what the arm is near to.
-        goals = goals.copy()
-        goals[:, -1] = ends[int(cell.commanded[-1] >= np.mean(ends))]
-        turned = np.repeat(goals[:, None], 9, axis=1)
-        turned[:, :, -1] = np.linspace(*ends, 9)
-        clear = mover.free(turned.reshape(-1, goals.shape[1]), 0.005).reshape(len(goals), 9).all(axis=1)
-        try:
-            go(cell, mover.timed(mover.path(cell.commanded, goals[clear])))
-        except NoWay:
-            continue
-        return cell.commanded
-    return None
+        for angle in (float(cell.commanded[-1]), last):
+            goals[:, -1] = angle
+            go(cell, mover.timed(mover.path(cell.commanded, goals)))
+        return
+    raise NoWay("the tool does not hang down where things are shown")
 
 
 def _ends(mover: Mover) -> tuple[float, float]:
@@ -202,12 +300,13 @@ def _turn(
     learning: Learning,
     robot: RobotShape,
     grasp: int,
-    q: Array,
+    part: tuple[float, float],
     during: Callable[[float], None] | None,
 ) -> list[HeldPicture]:
-    """Turn the last joint from one end to the other, and take pictures on the way."""
+    """Turn the last joint from one end of a part of its turn to the other [rad], and take pictures on the way."""
+    q, ends = cell.commanded, _ends(mover)
     end = q.copy()
-    end[-1] = sum(_ends(mover)) - q[-1]
+    end[-1] = part[1]
     took = float(abs(end[-1] - q[-1])) / learning.turn_speed
     count = max(2, int(np.ceil(took / 0.02)))
     s = np.arange(count + 1) / count
@@ -215,7 +314,8 @@ def _turn(
     ramp = np.interp(s, [0.0, 0.1, 0.9, 1.0], [0.0, 1.0, 1.0, 0.0])
     blend = np.concatenate([[0.0], np.cumsum(0.5 * (ramp[1:] + ramp[:-1]))])
     blend /= blend[-1]
-    due = list(np.linspace(0.0, took, learning.frames))
+    share = abs(part[1] - part[0]) / (ends[1] - ends[0])
+    due = list(np.linspace(0.0, took, max(round(share * learning.frames), min(TUNING.few, learning.frames))))
     pictures: list[HeldPicture] = []
 
     def look(now: float) -> None:

@@ -33,8 +33,10 @@ from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, pose
 from twin_diagram.runs.learning.display import display
 from twin_diagram.runs.learning.felt_weight import Centre, Felt, bear, centre_felt, first_mass
 from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew
+from twin_diagram.runs.learning.held_turns import Weight, middle, weight_felt
 from twin_diagram.runs.learning.in_the_way import TUNING as IN_THE_WAY
 from twin_diagram.runs.learning.in_the_way import why_barred, with_room
+from twin_diagram.runs.learning.laying_down import stand_or_lie
 from twin_diagram.runs.learning.looking_about import LyingAbout, look_about
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
@@ -44,6 +46,7 @@ from twin_diagram.runs.learning.regrasping import PLATFORM, fallen_pose, take_ag
 from twin_diagram.runs.learning.regrasping import TUNING as REGRASPING
 from twin_diagram.runs.learning.setting_down import PutDown, outline, places_in, resting, set_down
 from twin_diagram.runs.learning.shown_object import Picked, ShownObject
+from twin_diagram.runs.learning.steadiness import FINE
 from twin_diagram.runs.learning.steady_picture import refuse_blind, resting_picture
 from twin_diagram.scenario import Camera, Learning
 from twin_diagram.signals.arrays import Array
@@ -177,11 +180,14 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     """
     assert picked.taken is not None
     # S is the tool's frame in the first picture, and it has not been turned since it was taken.
-    (followed, felt), R_WS = _followed(tools), picked.taken.X_WT[:3, :3]
+    support, mass = support_of(picked.thing, tools.learning), first_mass(tools.model, tools.cell)
+    weight = Weight.of_lying(mass, tools.cell.force, picked.thing.points, support, picked.taken.X_WT)
+    (followed, felt), R_WS = _followed(tools, weight), picked.taken.X_WT[:3, :3]
     result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.apart], R_WT=R_WS @ followed.X_ST[-1][:3, :3])
     hold_seen(tools, result)
     stand_about_rest(tools.mover, tools.cell, tools.robot, tools.learning, picked.others)
-    if followed.slips and len((calm := _followed(tools))[0].slips) < len(followed.slips):
+    weight = replace(weight, centre_T=middle(result.in_tool()))
+    if followed.slips and len((calm := _followed(tools, weight))[0].slips) < len(followed.slips):
         # By now it hangs as it will stay; pictures from while it slid fit each other less well.
         followed, felt = calm
         X_ST = followed.X_ST[-1]
@@ -193,10 +199,11 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     return result
 
 
-def _followed(tools: Tools) -> tuple[Followed, Felt]:
+def _followed(tools: Tools, weight: Weight) -> tuple[Followed, Felt]:
     """Show what is held for the first time, follow it, and feel where its weight pulls."""
     felt = Felt()
-    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, 0, during=partial(felt.note, tools.cell))
+    noted = partial(felt.note, tools.cell)
+    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, 0, during=noted, weight=weight)
     return follow(Followed(), pictures, np.eye(4)), felt
 
 
@@ -220,13 +227,7 @@ def look_over(tools: Tools, shown: ShownObject) -> None:
 
 def hold_seen(tools: Tools, shown: ShownObject) -> None:
     """Tell the planner what is held, as far as it was seen."""
-    tools.mover.hold(in_tool(shown))
-
-
-def in_tool(shown: ShownObject) -> Array:
-    """Return the object's cells (N, 3) in the tool's frame as it is held now [m]."""
-    X_TS = np.linalg.inv(shown.X_ST[-1])
-    return np.asarray(cover(shown.followed) @ X_TS[:3, :3].T + X_TS[:3, 3])
+    tools.mover.hold(shown.in_tool())
 
 
 def show_again(tools: Tools, shown: ShownObject, firm: bool = False) -> bool:
@@ -242,14 +243,7 @@ def show_again(tools: Tools, shown: ShownObject, firm: bool = False) -> bool:
     low, high = (np.array(corner) for corner in tools.learning.platform)
     middle = 0.5 * (low + high)[:2]
     spots = [np.array([*(middle + [dx, dy]), high[2]]) for dx in TUNING.platform_spots for dy in TUNING.platform_spots]
-    points_T = in_tool(shown)
-    for R_WT in resting(points_T, shown.R_WT):
-        with contextlib.suppress(NoWay):
-            X_WT, _ = set_down(tools.mover, tools.cell, points_T, R_WT, spots)
-            break
-    else:
-        raise NoWay("no place to set it down is reached")
-    X_WS = X_WT @ np.linalg.inv(shown.X_ST[-1])
+    X_WS = stand_or_lie(tools.mover, tools.cell, shown, spots)
     R_WS_lying = X_WS[:3, :3]
     tools.mover.stand(PLATFORM, [cover(shown.followed) @ X_WS[:3, :3].T + X_WS[:3, 3]], float(high[2]))
     go_home(tools)  # out of the camera's sight of the platform
@@ -284,13 +278,14 @@ def _show_held(tools: Tools, shown: ShownObject, X_ST: Array, R_WS: Array) -> No
     shown.openings.append(tools.cell.apart)
     shown.R_WT = R_WS @ X_ST[:3, :3]
     hold_seen(tools, shown)
-    bear(tools.model, tools.driven, tools.cell, in_tool(shown))
+    bear(tools.model, tools.driven, tools.cell, shown.in_tool())
     assert shown.seen is not None
     p_WC = shown.followed.shown[-1].picture.camera.p_WC
     felt, hand = Felt(), Boxes(X_ST, *tools.gripper.boxes(tools.cell.apart))
     number, tilts = len(shown.X_ST) - 1, tilts_of(shown.seen, hand, tools.learning, p_WC)
     noted = partial(felt.note, tools.cell)
-    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts, during=noted)
+    weight = weight_felt(shown.mass_at_rest, shown.centre, shown.X_ST[-1], tools.cell.force)
+    pictures = display(tools.mover, tools.cell, tools.learning, tools.robot, number, tilts, noted, weight)
     shown.followed = follow_anew(shown.followed, pictures, X_ST, TUNING.regrasped)
     shown.X_ST[-1] = shown.followed.X_ST[-1]
     shown.R_WT = R_WS @ shown.X_ST[-1][:3, :3]
@@ -347,8 +342,8 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> P
         NoWay: no place is reached.
     """
     low, high = (np.array(corner) for corner in tools.learning.into_bin)
-    points_T, why = in_tool(shown), NoWay("no room in the other bin")
-    for R_WT in resting(points_T, shown.R_WT):
+    points_T, why = shown.in_tool(), NoWay("no room in the other bin")
+    for R_WT in resting(shown.in_tool(FINE), shown.R_WT):
         places = places_in(low, high, standing, points_T, R_WT)
         if not places:
             continue

@@ -15,6 +15,7 @@ from twin_diagram.runs.learning.cell import RELEASE, Cell
 from twin_diagram.runs.learning.motion import TUNING as MOTION
 from twin_diagram.runs.learning.motion import Mover, NoWay, cloud_cells, pose
 from twin_diagram.runs.learning.picking import go
+from twin_diagram.runs.learning.steadiness import STEADY, levelled, steadiness
 from twin_diagram.signals.arrays import Array
 
 
@@ -183,7 +184,8 @@ def pose_over(points_T: Array, R_WT: Array, place: Array, height: float) -> Arra
 def resting(points_T: Array, R_WT: Array) -> list[Array]:
     """Return axes (3, 3) of the tool in which what it holds stands, the surest first: as it stood, then on other sides.
 
-    What leans as it stood, by more than sides are alike, has turned in the hand, or leant on something: it comes last.
+    What leant on others as it stood is levelled. By more than sides are alike, it has turned in the hand, or lay on
+    something: it comes last.
 
     Args:
         points_T: (N, 3) of the object in the tool's frame [m].
@@ -192,6 +194,9 @@ def resting(points_T: Array, R_WT: Array) -> list[Array]:
     sides = hull_sides(points_T)
     found = [R for R in (downwards(R_WT, normal) for normal in sides) if -R[2, 2] > TUNING.steepest]
     lean = [float(np.arccos(np.clip(-(R_WT @ normal)[2], -1.0, 1.0))) for normal in sides]
+    down = R_WT.T @ [0.0, 0.0, -1.0]
+    if steadiness(points_T, down) < STEADY and (level := levelled(points_T, down)) is not None:
+        return [downwards(R_WT, level), *found, R_WT]
     if min(lean, default=0.0) <= TUNING.leaning:
         return [R_WT, *found]
     turned_by = [float(np.arccos(np.clip((np.trace(R_WT.T @ R) - 1.0) / 2.0, -1.0, 1.0))) for R in found]

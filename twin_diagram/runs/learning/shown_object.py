@@ -9,7 +9,7 @@ import numpy as np
 from twin_diagram.estimation.weighing import Excitation
 from twin_diagram.runs.learning.bin_view import SeenThing
 from twin_diagram.runs.learning.felt_weight import Centre
-from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.following import Followed, cover
 from twin_diagram.runs.learning.picking import Taken
 from twin_diagram.runs.learning.seen_map import SeenMap
 from twin_diagram.signals.arrays import Array
@@ -58,3 +58,8 @@ class ShownObject:
     swung: Excitation | None = None
     beside: list[Array] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+    def in_tool(self, edge: float = 0.01) -> Array:
+        """Return the object's cells (N, 3) of an edge [m] in the tool's frame as it is held now [m]."""
+        X_TS = np.linalg.inv(self.X_ST[-1])
+        return np.asarray(cover(self.followed, edge) @ X_TS[:3, :3].T + X_TS[:3, 3])

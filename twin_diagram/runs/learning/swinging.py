@@ -15,6 +15,7 @@ from twin_diagram.runs.learning.display import HeldPicture, NothingHeld, display
 from twin_diagram.runs.learning.felt_weight import Centre
 from twin_diagram.runs.learning.following import follow, found_again
 from twin_diagram.runs.learning.handling import Tools, hold_seen
+from twin_diagram.runs.learning.held_turns import weight_felt
 from twin_diagram.runs.learning.motion import NoWay
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.record import SWUNG
@@ -158,7 +159,11 @@ def _told(swung: Swung) -> str:
 def _glance(tools: Tools, shown: ShownObject) -> list[HeldPicture]:
     """Return a few pictures of what is held."""
     few = replace(tools.learning, frames=TUNING.glances)
-    return display(tools.mover, tools.cell, few, tools.robot, len(shown.X_ST) - 1, TUNING.glance)
+    number, weight = (
+        len(shown.X_ST) - 1,
+        weight_felt(shown.mass_at_rest, shown.centre, shown.X_ST[-1], tools.cell.force),
+    )
+    return display(tools.mover, tools.cell, few, tools.robot, number, TUNING.glance, weight=weight)
 
 
 def _find_turned(tools: Tools, shown: ShownObject) -> None:
