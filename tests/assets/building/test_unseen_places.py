@@ -51,7 +51,7 @@ def test_behind_a_wide_end_emptiness_falls_off_by_a_share_of_the_size() -> None:
     (found,) = unseen_places(field_of(distance, known), none(distance), None)
     middle = (np.abs(found.places[:, :2] - 0.0245) < 0.003).all(axis=1)
     depth, chance = found.places[middle, 2] - 0.005, found.chance[middle]
-    length = TUNING.behind * 40 * VOXEL
+    length = TUNING.behind * 40 * VOXEL / TUNING.shells
     fall = -np.polyfit(depth[chance > 0.02], np.log(chance[chance > 0.02]), 1)[0]
     assert fall == pytest.approx(1.0 / length, rel=0.3)
 

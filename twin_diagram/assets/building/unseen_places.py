@@ -24,8 +24,11 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module, set on shapes of which the truth is known: see docs/evidence.md, unseen places."""
 
-    behind: float = 0.05
+    behind: float = 0.03
     """Mean length by which a surface lies behind where views looked past, of a body's size (cube root of its box)."""
+
+    shells: float = 0.6
+    """Power of that share which is the chance: below 1, for of a thin shell all is empty up to what was seen."""
 
     open: float = 0.25
     """Share of cells that must have been looked through for what they border on to end there."""
@@ -105,6 +108,7 @@ def behind_ends(field: DistanceField, height: Map | None) -> Map:
     length = TUNING.behind * float(np.prod((at.max(axis=0) - at.min(axis=0) + 1) * field.grid.voxel)) ** (1 / 3)
     fading = (COARSE.coarse * field.grid.voxel / length) ** 2
     share = on_points(spread_into(free, ends, seen, np.zeros(free.shape, bool), fading), inside.shape)
+    share = share**TUNING.shells
     told[box] = np.where(inside & ~known & (share > TUNING.least), share, np.float32(0.0))
     return told
 
