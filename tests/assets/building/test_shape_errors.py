@@ -19,7 +19,7 @@ VOLUME = 0.06 * 0.04 * 0.03
 
 
 def from_above(
-    covariance: np.ndarray, places: np.ndarray, chance: np.ndarray, cell: float, counts: bool = True
+    covariance: np.ndarray, places: np.ndarray, chance: np.ndarray, cell: float, expected: float = 1.0
 ) -> ShapeErrors:
     """Errors of a box of which a camera straight above shows the top."""
     R = np.diag([1.0, -1.0, -1.0])
@@ -30,7 +30,7 @@ def from_above(
         mesh = mesh.subdivide()
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     centre = np.array([0.0, 0.0, 0.015])
-    unseen = Unseen(places, chance, chance >= 0, counts)
+    unseen = Unseen(places, chance, chance >= 0, expected * chance)
     doubt = Doubt(covariance[None], covariance, centre, False, (unseen,), cell)
     return shape_errors(vertices, faces, [make_view(camera, frame.depth)], 1e-9, doubt, centre, np.eye(3))
 
@@ -55,7 +55,7 @@ def test_what_no_view_told_of_may_be_empty() -> None:
         assert found.volume_std == pytest.approx(1e-7 * std, rel=2e-2)
         assert found.centre_std(VOLUME)[2] == pytest.approx(0.005 * 1e-7 * std / VOLUME, rel=2e-2)
     # What is full, more likely than not, is off by all of it where it is not.
-    found = from_above(np.zeros((6, 6)), places, np.full(100, 0.3), 1e-9, counts=False)
+    found = from_above(np.zeros((6, 6)), places, np.full(100, 0.3), 1e-9, expected=0.0)
     assert found.volume_std == pytest.approx(1e-7 * np.sqrt(0.3), rel=2e-2)
 
 

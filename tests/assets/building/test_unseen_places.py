@@ -39,7 +39,8 @@ def test_nothing_is_empty_behind_what_was_seen_and_little_behind_a_gap() -> None
     assert not len(sure.places)
     known[11:19, 11:19, 5:7] = False  # a hole into which no view looked
     (found,) = unseen_places(field_of(distance, known), none(distance), None)
-    assert found.inside.all() and found.counts and (found.chance > 0).all() and (found.chance <= 1).all()
+    assert found.inside.all() and (0 < found.expected).all() and (found.expected <= found.chance).all()
+    assert (found.chance > 0).all() and (found.chance <= 1).all()
     outermost = found.places[:, 2] < 0.0065
     assert found.chance[outermost].max() > 0.1 and found.chance[~outermost].max() < found.chance[outermost].max()
     assert found.places[found.chance > 0.1, 2].max() < 0.008 and found.chance.sum() < 8**3
@@ -61,7 +62,7 @@ def test_what_stands_may_have_a_recess_and_is_full_more_likely_than_not() -> Non
     distance[:, :, :7] = np.where(np.arange(7) < 5, 0.004, -0.004)  # it stands on z = 5 mm
     known[7:-7, 7:-7, 5:7] = False
     past, below = unseen_places(field_of(distance, known), none(distance), np.array([0.0, 0.0, 1.0, 0.005]))
-    assert past.counts and past.chance.sum() < 100 and not below.counts
+    assert past.chance.sum() < 100 and not below.expected.any()
     area = np.unique(below.places[:, :2], axis=0)
     assert below.chance.sum() / len(area) == pytest.approx(TUNING.recessed * TUNING.recess * 40, rel=0.5)
 
@@ -83,4 +84,4 @@ def test_volume_and_centre_lie_within_what_is_told(body: trimesh.Trimesh) -> Non
     if full.volume > 1.1 * true:  # below its cap no view looks
         assert solid.volume - true < 0.8 * (full.volume - true)
     else:
-        assert errors.volume_std < 0.06 * true
+        assert errors.volume_std < 0.08 * true

@@ -216,7 +216,7 @@ def _on_grid(field: DistanceField, box: tuple[slice, ...], share: Map, gone: Mas
     return Opened(replace(field, distance=distance), points)
 
 
-def heights(grid: FusionGrid, plane: Array) -> Map:
+def heights(grid: FusionGrid, plane: Array) -> Array:
     """Return how high a grid's points (nx, ny, nz) lie above a plane (4,) [m]."""
     return np.asarray(sum(np.moveaxis(plane[k] * x[None, None, :], 2, k) for k, x in enumerate(grid.axes())) - plane[3])
 

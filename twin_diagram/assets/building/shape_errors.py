@@ -59,9 +59,9 @@ class Doubt:
 
     def hollow(self) -> Hollow:
         """Return what the body has less than its surface holds, in the mean; what it has more counts below 0."""
-        some = [one for one in self.unseen if one.counts]
-        places = np.concatenate([np.zeros((0, 3)), *(one.places for one in some)])
-        return Hollow(places, np.concatenate([np.zeros(0), *(self.cell * (one.chance - ~one.inside) for one in some)]))
+        places = np.concatenate([np.zeros((0, 3)), *(one.places for one in self.unseen)])
+        less = [self.cell * (one.expected - ~one.inside) for one in self.unseen]
+        return Hollow(places, np.concatenate([np.zeros(0), *less]))
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,9 @@ def _by_unseen(unseen: Unseen, cell: float, about: Array, R: Array) -> Array:
     order = np.argsort(-chance, kind="stable")
     empty = cell * np.cumsum(numbers[order], axis=0)
     width = -np.diff(chance[order], append=0.0)[:, None]
-    mean = (width * empty).sum(axis=0) * unseen.counts
-    together = (width * empty).T @ empty - np.outer(mean, mean)
+    off = (width * empty).sum(axis=0)
+    counted = cell * unseen.expected @ numbers
+    together = (width * empty).T @ empty - np.outer(off, off) + np.outer(off - counted, off - counted)
     if not len(chance):
         return np.asarray(together)
     aside = numbers - np.average(numbers, axis=0, weights=chance)

@@ -27,8 +27,9 @@ class Tuning:
     behind: float = 0.03
     """Mean length by which a surface lies behind where views looked past, of a body's size (cube root of its box)."""
 
-    shells: float = 0.6
-    """Power of that share which is the chance: below 1, for of a thin shell all is empty up to what was seen."""
+    shells: float = 0.5
+    """Power of that share which is the chance: below 1, for of a thin shell all is empty up to what was seen. The share
+    itself counts: most things are no shells, and of round ones more than that share is full."""
 
     open: float = 0.25
     """Share of cells that must have been looked through for what they border on to end there."""
@@ -57,13 +58,13 @@ class Unseen:
         places: (M, 3) in W of cells that may be empty, or full [m].
         chance: (M,) that each is empty.
         inside: (M,) which of them the surface holds.
-        counts: whether their mean counts as the body's; else it is as the surface says, more likely than not.
+        expected: (M,) share of each that counts as empty: less than the chance where that covers what is rarer.
     """
 
     places: Array
     chance: Array
     inside: npt.NDArray[np.bool_]
-    counts: bool = True
+    expected: Array
 
 
 def unseen_places(field: DistanceField, chance: Map, plane: Array | None) -> tuple[Unseen, ...]:
@@ -76,18 +77,18 @@ def unseen_places(field: DistanceField, chance: Map, plane: Array | None) -> tup
     """
     unknown = ~field.known & (field.distance < 0)
     height = None if plane is None else heights(field.grid, plane)
-    past = np.maximum(chance, behind_ends(field, height))
-    found = [_of(field, past, True)]
+    share = behind_ends(field, height)
+    found = [_of(field, np.maximum(chance, share**TUNING.shells), np.maximum(chance, share))]
     if height is not None and unknown.any():
         high = float(height[field.distance < 0].max())
         depth = min(TUNING.recess * high, TUNING.deepest)
         below = np.where(unknown, TUNING.recessed * np.exp(-np.maximum(height, 0.0) / depth), 0.0)
-        found.append(_of(field, below, False))
+        found.append(_of(field, below, np.zeros(below.shape)))
     return tuple(found)
 
 
-def behind_ends(field: DistanceField, height: Map | None) -> Map:
-    """Return the chance (nx, ny, nz) that cells are empty since what was looked through ends there; 0 elsewhere.
+def behind_ends(field: DistanceField, height: Array | None) -> Map:
+    """Return the share (nx, ny, nz) of cells that is empty since what was looked through ends there; 0 elsewhere.
 
     Args:
         field: where what no view told of is inside.
@@ -108,15 +109,13 @@ def behind_ends(field: DistanceField, height: Map | None) -> Map:
     length = TUNING.behind * float(np.prod((at.max(axis=0) - at.min(axis=0) + 1) * field.grid.voxel)) ** (1 / 3)
     fading = (COARSE.coarse * field.grid.voxel / length) ** 2
     share = on_points(spread_into(free, ends, seen, np.zeros(free.shape, bool), fading), inside.shape)
-    share = share**TUNING.shells
     told[box] = np.where(inside & ~known & (share > TUNING.least), share, np.float32(0.0))
     return told
 
 
-def _of(field: DistanceField, chance: Map, counts: bool) -> Unseen:
+def _of(field: DistanceField, chance: npt.NDArray[np.floating], expected: npt.NDArray[np.floating]) -> Unseen:
     """Return the cells that have a chance to be empty."""
     at = np.argwhere(chance > TUNING.least)
     which = tuple(at.T)
-    return Unseen(
-        field.grid.origin + field.grid.voxel * at, chance[which].astype(float), field.distance[which] < 0, counts
-    )
+    places = field.grid.origin + field.grid.voxel * at
+    return Unseen(places, chance[which].astype(float), field.distance[which] < 0, expected[which].astype(float))
