@@ -103,8 +103,8 @@ def behind_ends(field: DistanceField, height: Array | None) -> Map:
     box = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
     inside, known = inside[box], field.known[box]
     ground = np.zeros(inside.shape, bool) if height is None else height[box] < 0.5 * field.grid.voxel
-    free = coarse_share(inside & ~known & ~ground) >= 0.5
-    seen = (coarse_share(inside & known) > 0.0) & ~free
+    seen = coarse_share(inside & known) > 0.0  # however thin what was seen is, nothing passes it
+    free = (coarse_share(inside & ~known & ~ground) >= 0.5) & ~seen
     ends = (coarse_share(~inside & ~ground) > TUNING.open) & ~free & ~seen
     length = TUNING.behind * float(np.prod((at.max(axis=0) - at.min(axis=0) + 1) * field.grid.voxel)) ** (1 / 3)
     fading = (COARSE.coarse * field.grid.voxel / length) ** 2
