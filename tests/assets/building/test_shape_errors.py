@@ -8,17 +8,19 @@ import trimesh
 
 from tests.assets.building.pictured import box, cameras, cup, shots
 from twin_diagram.assets.building.depth_view import make_view
-from twin_diagram.assets.building.fusion import DistanceField, FusionGrid
 from twin_diagram.assets.building.inertia import enclosed, less
 from twin_diagram.assets.building.reconstruct import reconstruct
-from twin_diagram.assets.building.shape_errors import Doubt, ShapeErrors, shape_errors, unseen_cells
+from twin_diagram.assets.building.shape_errors import TUNING, Doubt, ShapeErrors, shape_errors
+from twin_diagram.assets.building.unseen_places import Unseen
 from twin_diagram.logs.frames.view_camera import ViewCamera
 
 SIZE = (0.06, 0.04, 0.03)
 VOLUME = 0.06 * 0.04 * 0.03
 
 
-def from_above(covariance: np.ndarray, places: np.ndarray, chance: np.ndarray, cell: float) -> ShapeErrors:
+def from_above(
+    covariance: np.ndarray, places: np.ndarray, chance: np.ndarray, cell: float, expected: float = 1.0
+) -> ShapeErrors:
     """Errors of a box of which a camera straight above shows the top."""
     R = np.diag([1.0, -1.0, -1.0])
     camera = ViewCamera(200, 160, 300.0, 300.0, 99.5, 79.5, R, np.array([0.0, 0.0, 0.38]))
@@ -28,7 +30,8 @@ def from_above(covariance: np.ndarray, places: np.ndarray, chance: np.ndarray, c
         mesh = mesh.subdivide()
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     centre = np.array([0.0, 0.0, 0.015])
-    doubt = Doubt(covariance[None], covariance, centre, False, places, chance, chance >= 0, cell)
+    unseen = Unseen(places, chance, chance >= 0, expected * chance)
+    doubt = Doubt(covariance[None], covariance, centre, False, (unseen,), cell)
     return shape_errors(vertices, faces, [make_view(camera, frame.depth)], 1e-9, doubt, centre, np.eye(3))
 
 
@@ -51,28 +54,16 @@ def test_what_no_view_told_of_may_be_empty() -> None:
         found = from_above(np.zeros((6, 6)), places, chance, 1e-9)
         assert found.volume_std == pytest.approx(1e-7 * std, rel=2e-2)
         assert found.centre_std(VOLUME)[2] == pytest.approx(0.005 * 1e-7 * std / VOLUME, rel=2e-2)
+    # What is full, more likely than not, is off by all of it where it is not.
+    found = from_above(np.zeros((6, 6)), places, np.full(100, 0.3), 1e-9, expected=0.0)
+    assert found.volume_std == pytest.approx(1e-7 * np.sqrt(0.3), rel=2e-2)
 
 
-def test_unseen_cells_lie_between_free_ones_not_deep_within() -> None:
-    distance = np.full((30, 30, 30), -0.004, np.float32)
-    known = np.zeros(distance.shape, bool)
-    for axis in range(3):  # a closed shell of what was seen, 2 cells thick, of a cube
-        for end in (slice(0, 5), slice(25, 30)):
-            where = [slice(None)] * 3
-            where[axis] = end
-            distance[tuple(where)], known[tuple(where)] = 0.004, True
-    shell = np.zeros(distance.shape, bool)
-    shell[5:25, 5:25, 5:25] = True
-    shell[7:23, 7:23, 7:23] = False
-    distance[shell], known[shell] = -0.001, True
-    grid, none = FusionGrid(np.zeros(3), 0.001, distance.shape), np.zeros(distance.shape, np.float32)
-    assert not len(unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known), none)[0])
-    known[12:18, 12:18, 5:7] = False  # a hole into which no view looked
-    at, chance, inside = unseen_cells(DistanceField(grid, distance, known.astype(np.float32), known), none)
-    assert inside.all()
-    outermost = at[:, 2] < 0.0055
-    assert (0 < chance).all() and (chance <= 1).all() and chance[outermost].min() > chance[~outermost].max()
-    assert 0 < len(at) <= 72 and (np.abs(at[:, :2] - 0.0145) < 0.003).all() and at[:, 2].max() < 0.0085
+def test_what_no_view_told_of_on_either_side_tells_of_the_centre() -> None:
+    places = np.array([[x, 0.0, 0.02] for x in (-0.02, 0.02) for _ in range(50)])
+    found = from_above(np.zeros((6, 6)), places, np.full(100, 0.3), 1e-9)
+    std = 1e-7 * np.sqrt(0.3 * 0.7 * TUNING.elsewhere)
+    assert found.centre_std(VOLUME)[0] == pytest.approx(0.02 * std / VOLUME, rel=2e-2)
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import cg
 
 from twin_diagram.assets.building.depth_view import Map, Mask
-from twin_diagram.assets.building.fusion import DistanceField
+from twin_diagram.assets.building.fusion import DistanceField, FusionGrid
 from twin_diagram.signals.arrays import Array
 
 Kind = TypeVar("Kind", bound=np.generic)
@@ -86,11 +86,11 @@ def with_floors(field: DistanceField, plane: Array | None) -> Opened:
         return nothing
     n = TUNING.coarse
     inside = field.distance < 0
-    height = sum(np.moveaxis(plane[k] * x[None, None, :], 2, k) for k, x in enumerate(field.grid.axes())) - plane[3]
+    height = heights(field.grid, plane)
     ground = height < field.grid.voxel
-    full = _share((inside & field.known) | ground) > 0.0  # walls are kept, however thin
-    empty = (_share(~inside & ~ground) >= 0.5) & ~full
-    unknown = (_share(inside & ~field.known) > 0.0) & ~full & ~empty
+    full = coarse_share((inside & field.known) | ground) > 0.0  # walls are kept, however thin
+    empty = (coarse_share(~inside & ~ground) >= 0.5) & ~full
+    unknown = (coarse_share(inside & ~field.known) > 0.0) & ~full & ~empty
     water = held_water(empty, height[::n, ::n, ::n], TUNING.water * n * field.grid.voxel)
     # What is opened is to hold water, too: a wall that no view told of stands between it and what is around.
     wall = unknown & ndimage.binary_dilation(empty & ~water)
@@ -107,7 +107,7 @@ def with_floors(field: DistanceField, plane: Array | None) -> Opened:
         return nothing
     share = np.where(free[box] & ~gone, np.maximum(share, 0.5), share)
     chance = np.zeros(free.shape, np.float32)
-    under = (_share(ground) > 0.0)[box]
+    under = (coarse_share(ground) > 0.0)[box]
     below = spread_into(free[box] & ~gone, gone | water[box], under, full[box] & ~under)
     chance[box] = np.where(gone, TUNING.least, np.where(free[box], TUNING.least * below, 0.0))
     return _on_grid(field, box, share, gone, chance)
@@ -171,15 +171,16 @@ def least_area(full: Mask, empty: Mask, free: Mask) -> Map:
     return share
 
 
-def spread_into(free: Mask, one: Mask, zero: Mask, wall: Mask) -> Map:
+def spread_into(free: Mask, one: Mask, zero: Mask, wall: Mask, fading: float = 0.0) -> Map:
     """Return on free cells (nx, ny, nz) what is 1 and 0 where that is told, and harmonic between.
 
     Walls draw it to 0 weakly: below a hollow's floor it falls nearly evenly to the ground, and soon inside of walls.
+    With `fading`, of a cell's edge over a length, squared, it falls off exponentially by that length besides.
     """
     number = np.cumsum(free.ravel()).reshape(free.shape) - 1
     count = int(free.sum())
     rows, columns = [], []
-    degree, right = np.zeros(count), np.zeros(count)
+    degree, right = np.full(count, fading), np.zeros(count)
     for axis in range(3):
         a = tuple(slice(0, -1) if k == axis else slice(None) for k in range(3))
         b = tuple(slice(1, None) if k == axis else slice(None) for k in range(3))
@@ -205,17 +206,22 @@ def _on_grid(field: DistanceField, box: tuple[slice, ...], share: Map, gone: Mas
     near = np.zeros(chance.shape, bool)
     near[box] = ndimage.binary_dilation(gone, iterations=2)
     shape = field.distance.shape
-    at = np.argwhere(_points(near, shape) & (field.distance < 0) & ~field.known)
+    at = np.argwhere(on_points(near, shape) & (field.distance < 0) & ~field.known)
     start = np.array([part.start for part in box])
     mixed = ndimage.map_coordinates(share, ((at - (n - 1) / 2) / n - start).T, order=1, mode="nearest")
     distance = field.distance.copy()
     distance[tuple(at.T)] = np.clip((0.5 - mixed) * 2 * n * field.grid.voxel, -limit, limit)
     told = (field.distance < 0) & ~field.known
-    points = np.where(told, np.where(distance < 0, _points(chance, shape), np.float32(TUNING.least)), np.float32(0.0))
+    points = np.where(told, np.where(distance < 0, on_points(chance, shape), np.float32(TUNING.least)), np.float32(0.0))
     return Opened(replace(field, distance=distance), points)
 
 
-def _share(which: Mask) -> Map:
+def heights(grid: FusionGrid, plane: Array) -> Array:
+    """Return how high a grid's points (nx, ny, nz) lie above a plane (4,) [m]."""
+    return np.asarray(sum(np.moveaxis(plane[k] * x[None, None, :], 2, k) for k, x in enumerate(grid.axes())) - plane[3])
+
+
+def coarse_share(which: Mask) -> Map:
     """Return how many of their points cells of n × n × n have, of all."""
     n = TUNING.coarse
     padded = np.pad(which, [(0, -size % n) for size in which.shape]).astype(np.float32)
@@ -223,7 +229,7 @@ def _share(which: Mask) -> Map:
     return np.asarray(padded.reshape(a, n, b, n, c, n).mean(axis=(1, 3, 5)))
 
 
-def _points(cells: npt.NDArray[Kind], shape: tuple[int, ...]) -> npt.NDArray[Kind]:
+def on_points(cells: npt.NDArray[Kind], shape: tuple[int, ...]) -> npt.NDArray[Kind]:
     """Return the values of cells at each of their points."""
     for axis in range(3):
         cells = np.repeat(cells, TUNING.coarse, axis=axis)

@@ -23,9 +23,10 @@ from twin_diagram.assets.building.lasting_error import lasting_error, one_camera
 from twin_diagram.assets.building.looking_past import check_unseen
 from twin_diagram.assets.building.selection import TUNING as CHOICE
 from twin_diagram.assets.building.selection import grown, looked_at, masked_by_most, the_one_thing
-from twin_diagram.assets.building.shape_errors import Doubt, unseen_cells
+from twin_diagram.assets.building.shape_errors import Doubt
 from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
 from twin_diagram.assets.building.support_plane import find_plane
+from twin_diagram.assets.building.unseen_places import unseen_places
 from twin_diagram.assets.building.view_poses import AlignedViews, align, doubted
 from twin_diagram.errors import FramesError
 from twin_diagram.logs.frames.hand_boxes import Boxes
@@ -192,8 +193,8 @@ def looked_over(frame: RgbdFrame) -> DepthView:
 def _doubt(found: AlignedViews, opened: Opened) -> Doubt:
     """Return what may move the surface of what was fused of views."""
     alike = len(found.views) < LASTING.least_views and one_camera(found.views)
-    cells = unseen_cells(opened.field, opened.chance)
-    return Doubt(found.covariances, found.together, found.centre, alike, *cells, opened.field.grid.voxel**3)
+    unseen = unseen_places(opened.field, opened.chance, found.plane)
+    return Doubt(found.covariances, found.together, found.centre, alike, unseen, opened.field.grid.voxel**3)
 
 
 def _aligned(

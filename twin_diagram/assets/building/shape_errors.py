@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.assets.building.colouring import worth
-from twin_diagram.assets.building.depth_view import DepthView, Map, Mask
-from twin_diagram.assets.building.fusion import DistanceField
+from twin_diagram.assets.building.depth_view import DepthView
 from twin_diagram.assets.building.inertia import EvenBody, Hollow
 from twin_diagram.assets.building.measured import SIX
 from twin_diagram.assets.building.smoothing import vertex_normals
+from twin_diagram.assets.building.unseen_places import Unseen
 from twin_diagram.signals.arrays import Array
 
 
@@ -25,11 +25,9 @@ from twin_diagram.signals.arrays import Array
 class Tuning:
     """Constants of this module."""
 
-    rounds: int = 60
-    """Of means over neighbours, by which what is around closes what no view told of: it reaches 4 or 5 voxels in."""
-
-    limit: float = 2.0
-    """Distances from the surface that count most in such means [voxels]: as far in as out. A mean of as much is 1."""
+    elsewhere: float = 0.25
+    """Share of the variance of an empty volume that lies anywhere among its places, beside that which is so together:
+    below a cap, plates and legs it is not what is nearest to where views looked past."""
 
     patches: float = 10.0
     """Patches of a view's surface with errors of their own: depth noise is correlated over many pixels."""
@@ -48,10 +46,7 @@ class Doubt:
         together: (6 n, 6 n) of all of them.
         centre: (3,) in W [m].
         alike: whether what depth has wrong at the same pixels of all views was left in.
-        places: (M, 3) in W of cells that no view told of, and that may be empty, or full [m].
-        chance: (M,) that each is empty. They are so together: what ends at a cell is empty up to it, from the most
-            likely one on.
-        inside: (M,) which of them the surface holds.
+        unseen: cells that no view told of, each of these beside the others.
         cell: volume of each [m³].
     """
 
@@ -59,14 +54,14 @@ class Doubt:
     together: Array
     centre: Array
     alike: bool
-    places: Array
-    chance: Array
-    inside: npt.NDArray[np.bool_]
+    unseen: tuple[Unseen, ...]
     cell: float
 
     def hollow(self) -> Hollow:
         """Return what the body has less than its surface holds, in the mean; what it has more counts below 0."""
-        return Hollow(self.places, self.cell * (self.chance - ~self.inside))
+        places = np.concatenate([np.zeros((0, 3)), *(one.places for one in self.unseen)])
+        less = [self.cell * (one.expected - ~one.inside) for one in self.unseen]
+        return Hollow(places, np.concatenate([np.zeros(0), *less]))
 
 
 @dataclass(frozen=True)
@@ -96,40 +91,6 @@ class ShapeErrors:
             inertia = solid.inertia(mass)
             change[:, 0] -= np.array([inertia[i, j] for i, j in SIX]) / solid.volume
         return np.asarray(np.sqrt(np.einsum("ri,ij,rj->r", change, self.covariance, change)))
-
-
-def unseen_cells(field: DistanceField, chance: Map) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """Return places (M, 3) of cells that may be empty though no view told so, the chance of it, and which are inside.
-
-    Were those inside given the mean of their neighbours, over and over, they would be outside. The true surface lies
-    somewhere between that one and the one that nothing contradicts, whose means are 0 and 1; with each mean as likely,
-    a cell's own is its chance.
-
-    Args:
-        field: where what no view told of is inside, but for what was opened.
-        chance: (nx, ny, nz) that a cell is empty by what else is known; 0 elsewhere. The greater of two counts.
-    """
-    chance, unknown = chance.copy(), ~field.known & (field.distance < 0)
-    if unknown.any():
-        at = np.argwhere(unknown)
-        own = tuple(slice(max(a - 1, 0), b + 2) for a, b in zip(at.min(axis=0), at.max(axis=0), strict=True))
-        limit = np.float32(TUNING.limit * field.grid.voxel)
-        mean = _closed(np.clip(field.distance[own], -limit, limit), unknown[own])
-        chance[own] = np.where(unknown[own], np.maximum(chance[own], mean / limit), chance[own])
-    at = np.argwhere(chance > 0)
-    which = tuple(at.T)
-    return field.grid.origin + field.grid.voxel * at, chance[which].astype(float), field.distance[which] < 0
-
-
-def _closed(distance: Map, which: Mask) -> Map:
-    """Return a distance whose cells `which` have the mean of their neighbours."""
-    for _ in range(TUNING.rounds):
-        padded = np.pad(distance, 1, mode="edge")
-        around = padded[2:, 1:-1, 1:-1] + padded[:-2, 1:-1, 1:-1]
-        around += padded[1:-1, 2:, 1:-1] + padded[1:-1, :-2, 1:-1]
-        around += padded[1:-1, 1:-1, 2:] + padded[1:-1, 1:-1, :-2]
-        distance = np.where(which, around / np.float32(6.0), distance)
-    return distance
 
 
 def shape_errors(
@@ -170,19 +131,29 @@ def shape_errors(
     if doubt.alike:
         seen = moved[shares.sum(axis=0) > 0].sum(axis=0)
         by_depth += np.outer(seen, seen) / TUNING.patches
-    return ShapeErrors(total + noise**2 * by_depth + _by_unseen(doubt, about, R))
+    by_unseen = sum((_by_unseen(one, doubt.cell, about, R) for one in doubt.unseen), np.zeros((10, 10)))
+    return ShapeErrors(total + noise**2 * by_depth + by_unseen)
 
 
-def _by_unseen(doubt: Doubt, about: Array, R: Array) -> Array:
+def _by_unseen(unseen: Unseen, cell: float, about: Array, R: Array) -> Array:
     """Return the covariance (10, 10) by what no view told of, about a point, in axes turned by R (3, 3).
 
     A level between 0 and 1, each as likely, parts those cells that are empty, with a greater chance, from full ones.
+    As much as that may be empty in some of these places and not in others, by `TUNING.elsewhere`.
     """
-    order = np.argsort(-doubt.chance, kind="stable")
-    empty = doubt.cell * np.cumsum(_numbers((doubt.places[order] - about) @ R.T), axis=0)
-    width = -np.diff(doubt.chance[order], append=0.0)[:, None]
-    mean = (width * empty).sum(axis=0)
-    return np.asarray((width * empty).T @ empty - np.outer(mean, mean))
+    chance = unseen.chance
+    numbers = _numbers((unseen.places - about) @ R.T)
+    order = np.argsort(-chance, kind="stable")
+    empty = cell * np.cumsum(numbers[order], axis=0)
+    width = -np.diff(chance[order], append=0.0)[:, None]
+    off = (width * empty).sum(axis=0)
+    counted = cell * unseen.expected @ numbers
+    together = (width * empty).T @ empty - np.outer(off, off) + np.outer(off - counted, off - counted)
+    if not len(chance):
+        return np.asarray(together)
+    aside = numbers - np.average(numbers, axis=0, weights=chance)
+    spread = (chance[:, None] * aside).T @ aside / chance.sum()
+    return np.asarray(together + TUNING.elsewhere * together[0, 0] * spread)
 
 
 def _numbers(points: Array) -> Array:

@@ -181,3 +181,15 @@ def expected(slot: Slot, filter_: Array, believed: Array, spread: Array, now: fl
             return PoseShown(R, believed[4:], spread, ())
     R, p = (slot.R, slot.p) if handed else predict(slot, min(now, slot.seen + SLOTS.coast))
     return PoseShown(R, p, spread, ())
+
+
+def along_the_way(spread: Array, velocity: Array, late: float) -> Array:
+    """Return the covariance (6, 6) of a pose that may be shown late.
+
+    Args:
+        spread: (6, 6) of what the image tells (rotation, translation).
+        velocity: (6,) of the object [rad/s, m/s].
+        late: standard deviation of how late [s].
+    """
+    way = late * velocity
+    return np.asarray(spread + np.outer(way, way))

@@ -34,7 +34,7 @@ from twin_diagram.perception.things.memory import Life
 from twin_diagram.runs.tracking.claimed_share import claimed_share
 from twin_diagram.runs.tracking.frame_views import FrameViews
 from twin_diagram.runs.tracking.individual import TUNING as BELIEF
-from twin_diagram.runs.tracking.individual import Individual, PoseShown, expected
+from twin_diagram.runs.tracking.individual import Individual, PoseShown, along_the_way, expected
 from twin_diagram.runs.tracking.picture_content import PictureContent, as_pictured
 from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.scene import object_filter, object_update
@@ -59,6 +59,10 @@ class Tuning:
 
     aside: float = 2.0
     """How far off depth colours may lie, RMS, of images 640 wide [px]: as cheap cameras' do, where nothing is told."""
+
+    late: float = 0.5
+    """Depth may be so many frames older than its time tells, as `segmentation_system` has it: along its way what moves
+    is known no better than that."""
 
     longest: float = 0.1
     """Of two frames farther apart in time the second says no more [s]: a folder may not tell times."""
@@ -290,7 +294,8 @@ class ObjectTracker:
             name = self.names[one.asset]
             free = tuple(sorted({axis for axis, _ in about}))
             how = (found is not None, named, slot.by_shape, free)
-            result.append(TrackedObject(one.track, name, life, sure, visible, R, p, shown.spread, only, (), *how))
+            spread = shown.spread if found is None else along_the_way(shown.spread, slot.velocity, TUNING.late * since)
+            result.append(TrackedObject(one.track, name, life, sure, visible, R, p, spread, only, (), *how))
         return result
 
     def _seen(self, one: Individual, measured: PoseMeasurement, view: View) -> View:
