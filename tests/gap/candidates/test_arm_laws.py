@@ -179,6 +179,16 @@ def test_where_the_last_joint_swings_its_link_a_payload_may_be_on_either_side(tm
         assert candidate.allows(np.array([1.0, 0.0, side, 0.0])) and candidate.allows(np.array([1.0, 0.0, 0.0, side]))
 
 
+def test_where_the_last_joint_is_askew_to_the_way_to_it_a_payload_may_be_on_either_side(tmp_path: Path) -> None:
+    """58° tell nothing of outward: on an arm like that 1.4 kg on the side of the wrist were no payload."""
+    path = tmp_path / "askew.urdf"
+    path.write_text(URDF.replace('xyz="0 0 0.4"', 'xyz="0 0.042 0.068"'))
+    model, still = Model.load(path), np.zeros((500, 2))
+    candidate = payload.payload(terms_of(Records(model, (record(model, np.arange(500) / RATE, still, still, still),))))
+    for side in (0.06, -0.06):
+        assert candidate.allows(np.array([1.0, 0.0, side, 0.0]))
+
+
 def test_where_the_joints_of_a_wrist_meet_a_payload_may_be_on_either_side(tmp_path: Path) -> None:
     """What is left of the way between them is rounding: it had kept a KR300's 150 kg from being named."""
     path = tmp_path / "meet.urdf"
