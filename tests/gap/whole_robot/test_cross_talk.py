@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,9 @@ from tests.gap.whole_robot.test_explain import noisy
 from tests.gap.whole_robot.test_held_loads import LOAD, during
 from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot import cross_talk as module
+from twin_diagram.gap.whole_robot import mended_logs
 from twin_diagram.gap.whole_robot.cross_talk import cross_talk, without_cross_talk
+from twin_diagram.gap.whole_robot.mended_logs import mended
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.signals.arrays import Array
 
@@ -46,22 +49,24 @@ def test_what_sensors_read_of_each_other_is_found(held: tuple[tuple[float, float
     assert np.max(np.abs((undone - np.diag(np.diag(undone)))[:, heavy])) < 0.1 * np.max(np.abs(SHARES))
 
 
-@pytest.mark.parametrize("records", [measured(0.0 * SHARES), during(LOAD, (4.0, 9.0))])
-def test_sensors_that_read_their_own_joint_alone_have_none(records: Records) -> None:
+@pytest.mark.parametrize(
+    "made", [lambda: measured(0.0 * SHARES), lambda: during(LOAD, (4.0, 9.0))], ids=["links off", "a load held"]
+)
+def test_sensors_that_read_their_own_joint_alone_have_none(made: Callable[[], Records]) -> None:
     """Neither where links are off, nor where a load is held for a while, which all joints bear at once."""
-    assert cross_talk(records) is None
+    assert cross_talk(made()) is None
 
 
 def test_torques_are_parted_in_all_logs_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "cross_talk", lambda records: SHARES)
-    monkeypatch.setattr(module, "prepare", lambda given, logs: logs)
+    monkeypatch.setattr(mended_logs, "prepare", lambda given, logs: logs)
     records, notes = measured(), list[str]()
     time = np.linspace(0.0, 9.0, 40)
     own = np.sin(time[:, None] + np.arange(6.0))
     both = own @ np.linalg.inv(np.eye(6) - SHARES).T
     fit = Log(time=time, joints=ARM.joints, position=own, torque=both, torque_commanded=own, source="a.csv")
     held = Log(time=time, joints=ARM.joints, position=own, torque_commanded=both, source="b.csv")
-    (one,), other, _ = without_cross_talk(ARM, [fit], held, records, notes)
+    (one,), other, _ = mended(without_cross_talk, ARM, [fit], held, records, notes)
     assert one.torque is not None and other.torque_commanded is not None and other.torque is None
     np.testing.assert_allclose(one.torque, own, atol=1e-12)
     np.testing.assert_allclose(other.torque_commanded, own, atol=1e-12)
@@ -69,5 +74,5 @@ def test_torques_are_parted_in_all_logs_and_it_is_said(monkeypatch: pytest.Monke
     assert fingerprint(one) == fingerprint(fit)
     assert len(notes) == 1 and "cross-talk" in notes[0]
     monkeypatch.setattr(module, "cross_talk", lambda records: None)
-    assert without_cross_talk(ARM, [fit], held, records, notes)[0][0] is fit
+    assert mended(without_cross_talk, ARM, [fit], held, records, notes)[0][0] is fit
     assert len(notes) == 1

@@ -18,6 +18,7 @@ from twin_diagram.gap.whole_robot.explain import begun, settled
 from twin_diagram.gap.whole_robot.few_or_whole import told_of_lag, told_of_one_late
 from twin_diagram.gap.whole_robot.lagging_torque import in_time
 from twin_diagram.gap.whole_robot.late_torque import behind, later, likeliest_shift, one_late, shifted
+from twin_diagram.gap.whole_robot.mended_logs import mended
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.gap.whole_robot.unusual import carried, offered, terms_of, with_candidate
@@ -125,9 +126,9 @@ def test_logs_whose_torques_lag_are_shifted_before_all_else() -> None:
     late, right = (Log(one.time, ARM.joints, one.q, torque=one.torque) for one in (lagging, sound))
     notes: list[str] = []
     records = prepare(ARM, [right])
-    assert in_time(ARM, [right], late, records, notes) == ([right], late, records)
+    assert mended(in_time, ARM, [right], late, records, notes) == ([right], late, records)
     assert notes == []
-    logs, held, records = in_time(ARM, [late], right, prepare(ARM, [late]), notes)
+    logs, held, records = mended(in_time, ARM, [late], right, prepare(ARM, [late]), notes)
     inner = slice(20, -20)
     error = (logs[0].motor_torque - right.motor_torque)[inner]
     assert np.std(error) < 0.3 * np.std((late.motor_torque - right.motor_torque)[inner])

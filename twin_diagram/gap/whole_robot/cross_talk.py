@@ -7,19 +7,20 @@ a wrist's friction does, and links, frictions and pushes bend to it; the catalog
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from twin_diagram.gap.candidates.candidate import Candidate
-from twin_diagram.gap.residuals.prepared_logs import Records, prepare
+from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot.colour_of_noise import quietest
 from twin_diagram.gap.whole_robot.explain import begun, settled
 from twin_diagram.gap.whole_robot.held_loads import held_loads
 from twin_diagram.gap.whole_robot.left_out import LeftOut, likelihood
+from twin_diagram.gap.whole_robot.mended_logs import Mend
 from twin_diagram.gap.whole_robot.torque_equations import TorqueEquations, equations, low_passed
 from twin_diagram.gap.whole_robot.unusual import terms_of
 from twin_diagram.logs import Log, fingerprint
-from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 
@@ -87,31 +88,18 @@ def _shares(sums: TorqueEquations) -> list[Candidate]:
     ]
 
 
-def without_cross_talk(
-    given: Model, logs: list[Log], held: Log, records: Records, notes: list[str]
-) -> tuple[list[Log], Log, Records]:
-    """Return fit logs and the held-out one without what sensors read of other joints, and the fit logs prepared.
-
-    How much that is the fit logs alone say; `notes` grow where it is something.
-
-    Args:
-        given: the given model.
-        logs: of the fit.
-        held: held out.
-        records: prepared of the fit logs.
-        notes: of all logs.
-    """
+def without_cross_talk(records: Records) -> Mend | None:
+    """Return how logs are without what sensors read of other joints; None where they read nothing."""
     shares = cross_talk(records) if records.n > 1 else None
     if shares is None:
-        return logs, held, records
+        return None
     usual = float(np.sqrt(np.mean(shares[~np.eye(records.n, dtype=bool)] ** 2)))
-    notes.append(
+    note = (
         f"the logged torques read some {usual:.1%} of each other (cross-talk of the sensors, up to "
         f"{np.max(np.abs(shares)):.1%}): that was taken out before all else, also where the gap is shown; "
         "calibrate the sensors together"
     )
-    logs = [_apart(log, shares) for log in logs]
-    return logs, _apart(held, shares), prepare(given, logs)
+    return Mend(note, partial(_apart, shares=shares))
 
 
 def _apart(log: Log, shares: Array) -> Log:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.candidate import Candidate, Moment
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.normal_equations import increments
 from twin_diagram.gap.search.proposals import active
@@ -52,11 +52,6 @@ class Tuning:
 TUNING = Tuning()
 
 Pairs = npt.NDArray[np.int64]
-
-Moment = tuple[int, float] | None
-"""Log and time [s]; None: its begin or end."""
-
-Moments = tuple[Moment, Moment]
 
 
 @dataclass(frozen=True)
@@ -116,17 +111,17 @@ def numbers_told(columns: Array) -> int:
     return int(np.sum(sizes > TUNING.told**2 * sizes[0])) if sizes[0] > 0.0 else 0
 
 
-Span = tuple[float, Candidate, int, int]
+Placed = tuple[float, Candidate, int, int]
 """Rise of the evidence, wrench, and samples from which and until which it acts."""
 
 
-def likeliest_spans(beside: SpansBeside, wrenches: list[Candidate]) -> list[Span]:
+def likeliest_spans(beside: SpansBeside, wrenches: list[Candidate]) -> list[Placed]:
     """Return the likeliest wrenches, each with the span that suits it best."""
     count = beside.seen.shape[1]
     edges = np.unique(np.round(np.linspace(0, count, TUNING.blocks + 1)).astype(np.int64))
     ends, longest = len(edges), int(TUNING.longest * (len(edges) - 1))
     pairs = np.array([(i, k) for i in range(1, ends - 1) for k in range(i + 1, min(i + longest, ends - 1) + 1)])
-    coarse: list[Span] = []
+    coarse: list[Placed] = []
     for wrench in wrenches:
         if np.any(wrench.columns):
             scores = beside.scores(wrench, edges, pairs)
@@ -136,7 +131,7 @@ def likeliest_spans(beside: SpansBeside, wrenches: list[Candidate]) -> list[Span
     return [_refined(beside, wrench, at, to, max(1, int(edges[1]))) for _, wrench, at, to in coarse]
 
 
-def _refined(beside: SpansBeside, wrench: Candidate, at: int, to: int, step: int) -> Span:
+def _refined(beside: SpansBeside, wrench: Candidate, at: int, to: int, step: int) -> Placed:
     """Return a wrench with the best samples at which it begins and ends, near those given, and its score."""
     count = beside.seen.shape[1]
     stride = max(1, step // TUNING.fine)
@@ -164,7 +159,7 @@ def spanned(terms: Terms, wrench: Candidate, at: int, to: int) -> Candidate:
     return during(terms, wrench, onset, end)
 
 
-def during(terms: Terms, wrench: Candidate, onset: Moment, end: Moment) -> Candidate:
+def during(terms: Terms, wrench: Candidate, onset: Moment | None, end: Moment | None) -> Candidate:
     """Return a wrench from one moment until another."""
     made = wrench.during(active(terms, onset, end), onset, end)
     return replace(made, cost=2.0 * float(np.log(TUNING.blocks)), variant="spanned")

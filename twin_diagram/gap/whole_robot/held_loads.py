@@ -17,7 +17,6 @@ import numpy.typing as npt
 from twin_diagram.gap.candidates.candidate import Candidate, Moment, Span
 from twin_diagram.gap.candidates.payload import payload, payload_about
 from twin_diagram.gap.residuals.regressors import Terms
-from twin_diagram.gap.search.golden_section import least
 from twin_diagram.gap.search.proposals import active
 from twin_diagram.gap.whole_robot.events import TUNING as EVENTS
 from twin_diagram.gap.whole_robot.events import SpansBeside, Tried, likeliest_spans
@@ -26,6 +25,7 @@ from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_
 from twin_diagram.gap.whole_robot.pushes import TUNING as PUSHES
 from twin_diagram.gap.whole_robot.pushes import beside_rough_friction, while_sliding
 from twin_diagram.gap.whole_robot.setting_off import TUNING as SETTING_OFF
+from twin_diagram.gap.whole_robot.sharp_moments import between_samples
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.stretches import stretches
 
@@ -45,12 +45,6 @@ class Tuning:
 
     likely: float = 0.5
     """Fall of the log likelihood up to which a moment is as good as another [nats]: at rest all are."""
-
-    apart: float = 1.5
-    """Kept samples by which a moment may be off that was found among them."""
-
-    sections: int = 8
-    """Times that what lies between shrinks to 0.62 of itself."""
 
 
 TUNING = Tuning()
@@ -218,14 +212,7 @@ def _sharper(problem: RobotProblem, z: Array, terms: Terms, load: Candidate) -> 
         return float(np.sum(weight * (without - share[:, None] * torque) ** 2))
 
     for k, i in itertools.product(range(len(spans)), range(2)):
-        moment = spans[k][i]
-        if moment is None:
-            continue
-        log, time = moment
-        times = terms.records.records[log].times
-        off = TUNING.apart * float(np.median(np.diff(times)))
-        if time - off > times[0] and time + off < times[-1]:
-            spans[k][i] = (log, least(partial(cost, k, i, log), time - off, time + off, TUNING.sections)[1])
+        spans[k][i] = between_samples(terms, spans[k][i], partial(cost, k, i))
     made = _over(terms, plain, [(begin, end) for begin, end in spans])
     total = np.concatenate([[0.0], np.cumsum(np.sum(weight * (2.0 * without * torque - torque**2), axis=1))])
     return replace(made, vague=tuple((_vague(terms, total, a), _vague(terms, total, b)) for a, b in made.spans))

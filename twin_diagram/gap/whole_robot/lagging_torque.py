@@ -7,16 +7,17 @@ friction would bend to it: torque that is late by a few milliseconds looks like 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from twin_diagram.gap.residuals.prepared_logs import Records, prepare
+from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot.explain import begun, settled
 from twin_diagram.gap.whole_robot.late_torque import behind
+from twin_diagram.gap.whole_robot.mended_logs import Mend
 from twin_diagram.gap.whole_robot.torque_equations import equations
 from twin_diagram.logs import Log, fingerprint
 from twin_diagram.model.dynamics.onsets import shifted
-from twin_diagram.model.model import Model
 from twin_diagram.signals.arrays import Array
 
 
@@ -32,30 +33,17 @@ def lag_of(records: Records) -> float:
         return 0.0
 
 
-def in_time(
-    given: Model, logs: list[Log], held: Log, records: Records, notes: list[str]
-) -> tuple[list[Log], Log, Records]:
-    """Return fit logs and the held-out one with torques that come with their motion, and the fit logs prepared.
-
-    How much they lag the fit logs alone say; `notes` grow where they do.
-
-    Args:
-        given: the given model.
-        logs: of the fit.
-        held: held out.
-        records: prepared of the fit logs.
-        notes: of all logs.
-    """
+def in_time(records: Records) -> Mend | None:
+    """Return how logs are whose torques come with their motion; None where they do."""
     seconds = lag_of(records)
     if not seconds:
-        return logs, held, records
-    notes.append(
+        return None
+    note = (
         f"the logged torques come some {1e3 * seconds:.0f} ms after the motion that they belong to (a filter in the "
         "drives, or stamps of another clock): they were shifted by that before all else, also where the gap is shown; "
         "log them unfiltered"
     )
-    logs = [_earlier(log, seconds) for log in logs]
-    return logs, _earlier(held, seconds), prepare(given, logs)
+    return Mend(note, partial(_earlier, seconds=seconds))
 
 
 def _earlier(log: Log, seconds: float) -> Log:

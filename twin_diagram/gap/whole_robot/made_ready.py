@@ -8,6 +8,7 @@ from twin_diagram.gap.residuals.prepared_logs import Records
 from twin_diagram.gap.whole_robot.contacts import Contact, beside_contacts
 from twin_diagram.gap.whole_robot.cross_talk import without_cross_talk
 from twin_diagram.gap.whole_robot.lagging_torque import in_time
+from twin_diagram.gap.whole_robot.mended_logs import mended
 from twin_diagram.logs import Log
 from twin_diagram.logs.parting import longest
 from twin_diagram.model.model import Model
@@ -40,5 +41,6 @@ def made_ready(given: Model, logs: list[Log], held: Log, notes: list[str]) -> Re
     """
     logs, records, spans = beside_contacts(given, logs, notes)
     held = longest(beside_contacts(given, [held], notes, "; the longest stretch is held out")[0])
-    logs, held, records = in_time(given, logs, held, records, notes)
-    return ReadyLogs(*without_cross_talk(given, logs, held, records, notes), spans)
+    for find in (in_time, without_cross_talk):
+        logs, held, records = mended(find, given, logs, held, records, notes)
+    return ReadyLogs(logs, held, records, spans)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.candidate import Candidate, Span
 from twin_diagram.gap.candidates.external_force import TUNING as EXTERNAL
 from twin_diagram.gap.candidates.external_force import external_forces, force_at, near, placed, turned, with_its_point
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.whole_robot import estimates
 from twin_diagram.gap.whole_robot.events import TUNING as EVENTS
-from twin_diagram.gap.whole_robot.events import Moments, SpansBeside, Tried, during, likeliest_spans, spanned
+from twin_diagram.gap.whole_robot.events import SpansBeside, Tried, during, likeliest_spans, spanned
 from twin_diagram.gap.whole_robot.held_by_friction import mostly_resting, shares_of_friction, without_held
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve, with_noise
 from twin_diagram.gap.whole_robot.rough_friction import rough_friction
@@ -154,7 +154,7 @@ def on_the_innermost(problem: RobotProblem, z: Array, terms: Terms, push: Candid
     return _innermost(there).candidate
 
 
-def _at_its_point(problem: RobotProblem, z: Array, terms: Terms, wrench: Candidate, span: Moments) -> Tried | None:
+def _at_its_point(problem: RobotProblem, z: Array, terms: Terms, wrench: Candidate, span: Span) -> Tried | None:
     """Return a force over a span at the point of a link that suits it best; None where that is not near the link.
 
     Args:

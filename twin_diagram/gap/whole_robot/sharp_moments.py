@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from twin_diagram.gap.candidates.candidate import Candidate
+from twin_diagram.gap.candidates.candidate import Candidate, Moment, Span
 from twin_diagram.gap.residuals.regressors import Terms
 from twin_diagram.gap.search.golden_section import least
 from twin_diagram.gap.whole_robot.physical_fit import RobotProblem, solve
@@ -28,17 +28,14 @@ class Tuning:
 
 TUNING = Tuning()
 
-Moment = tuple[int, float]
-"""Log and time [s]."""
-
 
 def sharpened(
     problem: RobotProblem,
     z: Array,
     terms: Terms,
-    span: tuple[Moment | None, Moment | None],
+    span: Span,
     during: Callable[[Moment | None, Moment | None], Candidate],
-) -> tuple[Moment | None, Moment | None]:
+) -> Span:
     """Return the span over which a push suits a fit best, near the one that was found among kept samples.
 
     Args:
@@ -56,12 +53,23 @@ def sharpened(
         return tried.cost(solve(tried, None, np.concatenate([z, np.zeros(push.size)])), tried.sums.whole)
 
     for k in (1, 0):
-        moment = found[k]
-        if moment is None:
-            continue
-        log, time = moment
-        times = terms.records.records[log].times
-        off = TUNING.apart * float(np.median(np.diff(times)))
-        if time - off > times[0] and time + off < times[-1]:
-            found[k] = (log, least(partial(cost, k, log), time - off, time + off, TUNING.sections)[1])
+        found[k] = between_samples(terms, found[k], partial(cost, k))
     return found[0], found[1]
+
+
+def between_samples(terms: Terms, moment: Moment | None, cost: Callable[[int, float], float]) -> Moment | None:
+    """Return the moment of least cost near one that was found among kept samples; None and a log's ends stay.
+
+    Args:
+        terms: of the samples.
+        moment: as it was found.
+        cost: of a log and time [s].
+    """
+    if moment is None:
+        return None
+    log, time = moment
+    times = terms.records.records[log].times
+    off = TUNING.apart * float(np.median(np.diff(times)))
+    if time - off <= times[0] or time + off >= times[-1]:
+        return moment
+    return log, least(partial(cost, log), time - off, time + off, TUNING.sections)[1]
