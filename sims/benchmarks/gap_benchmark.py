@@ -16,7 +16,8 @@ neutral names. What is true goes to a file outside that folder, which only the s
     python sims/benchmarks/gap_benchmark.py report --out out/gap_benchmark  # table.txt, report.html
 
 Kinds: clean, single, several (one name on two to four joints), pair, triple, onset, dirty (the model has friction on
-all joints already), outside (families that the catalogue lacks). Of `single`, seed modulo 20 is the effect. Seeds below
+all joints already), outside (families that the catalogue lacks), resting (one effect in an arm that picks and places
+under a stiff, noisy controller, logged at 100 Hz to 1 kHz). Of `single`, seed modulo 20 is the effect. Seeds below
 10000 are for training; the final figures come from seeds from 10000 on.
 
 `separation` in a truth file is the distance, in units of the log's noise below 20 Hz, from the true torque to the
@@ -78,6 +79,7 @@ SUITES: dict[str, dict[str, tuple[int, int]]] = {
         "onset": (0, 21),
         "outside": (0, 27),
     },
+    "resting": {"resting": (0, 30)},
     "final": {
         "single": (10000, 200),
         "dirty": (10000, 60),

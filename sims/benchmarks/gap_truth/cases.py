@@ -21,7 +21,7 @@ from gap_truth.world import CONTROL_PERIOD, Controller, DivergedError, Nominal, 
 
 Array = npt.NDArray[np.float64]
 
-KINDS = ("clean", "single", "several", "pair", "triple", "onset", "dirty", "outside", "joints")
+KINDS = ("clean", "single", "several", "pair", "triple", "onset", "dirty", "outside", "joints", "resting")
 ARMS = Path(__file__).resolve().parents[3] / "models" / "arms"
 HOMES = {
     "ur5e": (5.0, [0.0, -1.3, 1.4, -1.6, -1.4, 0.0]),
@@ -30,8 +30,19 @@ HOMES = {
 }
 """Payload [kg] and home [rad]."""
 
+RESTING_PERIODS = (0.01, 0.005, 0.002, 0.001)
+"""Of the logs of `resting`, in turn [s]."""
+
+RESTING = (
+    *("time_delay", "torque_saturation", "coulomb_friction", "time_delay", "payload"),
+    *("backlash", "time_delay", "stribeck_friction", "torque_saturation", "viscous_friction"),
+    *("joint_elasticity", "time_delay", "reflected_inertia", "torque_constant", "torque_saturation"),
+)
+"""What `resting` hides, in turn."""
+
 DURATION = 25.0
 CLEAN_DURATION = 12.0
+RESTING_DURATION = 15.0
 ATTEMPTS = 12
 
 
@@ -155,6 +166,9 @@ def _make(kind: str, seed: int, effect: str | None, duration: float | None, rng:
     length = duration or (CLEAN_DURATION if clean else DURATION)
     period = float(rng.choice([0.001, 0.002, 0.004], p=[0.05, 0.45, 0.5] if clean else [0.15, 0.6, 0.25]))
     kinds = rng.choice(excitation.KINDS, 2, p=[0.4, 0.2, 0.1, 0.3])
+    if kind == "resting":
+        length, period = duration or RESTING_DURATION, RESTING_PERIODS[seed % len(RESTING_PERIODS)]
+        kinds = np.array([excitation.PICKING] * 2)
     speed = rng.uniform(0.25, 0.8)
     fit_motion, fit_torque = _feasible(nominal, str(kinds[0]), length, speed, rng)
     held_motion, held_torque = _feasible(nominal, str(kinds[1]), length, speed, rng)
@@ -163,6 +177,8 @@ def _make(kind: str, seed: int, effect: str | None, duration: float | None, rng:
     baseline = _baseline(chain, scale, rng) if dirty else []
     things = _draw_hidden(kind, seed, effect, chain, scale, length, rng)
     control, feed = _controller(nominal, scale, fit_motion, things, rng)
+    if kind == "resting":
+        control = _stiff(control, scale, things, rng)
     integrator = str(rng.choice(["implicitfast", "implicit", "Euler"]))
     noise = _noise(chain, period, rng)
     every = round(period / CONTROL_PERIOD)
@@ -247,6 +263,8 @@ def _draw_hidden(
     if kind == "several":
         name = effect or hidden.SEVERAL[seed % len(hidden.SEVERAL)]
         return [hidden.draw(name, chain, scale, rng, int(rng.integers(2, 5)))]
+    if kind == "resting":
+        return [hidden.draw(effect or RESTING[seed % len(RESTING)], chain, scale, rng)]
     if kind == "outside":
         name = effect or hidden.OUTSIDE[seed % len(hidden.OUTSIDE)]
         return [hidden.draw(name, chain, scale, rng)]
@@ -317,6 +335,17 @@ def _controller(
         np.full(len(effort), 2.0 * np.pi / 2.0 ** float(bits)),
     )
     return control, float(rng.choice([1.0, rng.uniform(0.7, 0.98)]))
+
+
+def _stiff(control: Controller, scale: Scale, things: list[Hidden], rng: np.random.Generator) -> Controller:
+    """A stiffer one on coarser encoders: what it reads of its own noise comes back as motion."""
+    delay = sum(thing.values["delay"][0] for thing in things if thing.name == "time_delay")
+    rate = np.full(len(scale.inertia), min(2.0 * np.pi * rng.uniform(6.0, 14.0), 0.4 / max(delay, 1e-3)))
+    damping, corner = rng.uniform(1.0, 1.6) * scale.inertia * rate, np.clip(8.0 * rate, 250.0, 1500.0)
+    jump = hidden.log_uniform(rng, 0.005, 0.15) * control.limit  # of the torque, where an encoder counts one on
+    finest = np.min(jump * CONTROL_PERIOD / (damping * (1.0 - np.exp(-corner * CONTROL_PERIOD))))
+    lsb = np.full(len(rate), 2.0 * np.pi / 2.0 ** np.ceil(np.log2(2.0 * np.pi / finest)))
+    return replace(control, stiffness=scale.inertia * rate**2, damping=damping, corner=corner, resolution=lsb)
 
 
 def _noise(chain: Chain, period: float, rng: np.random.Generator) -> Noise:

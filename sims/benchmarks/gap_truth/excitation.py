@@ -1,4 +1,4 @@
-"""Motions that an arm is asked to make: multi-sines, moves between poses, slow reversals, and a mixture."""
+"""Motions that an arm is asked to make: multi-sines, moves between poses, slow reversals, a mixture, pick and place."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from gap_truth.chain import Chain
 Array = npt.NDArray[np.float64]
 
 KINDS = ("multisine", "point_to_point", "slow_reversals", "mixed")
+PICKING = "picking"
+"""The same few poses again and again, with rests at each."""
+
 RAMP = 1.2
 """In which a motion starts from rest and comes back to it [s]."""
 
@@ -31,7 +34,7 @@ def draw(chain: Chain, kind: str, duration: float, period: float, speed: float, 
 
     Args:
         chain: the arm.
-        kind: one of `KINDS`.
+        kind: one of `KINDS`, or `PICKING`.
         duration: [s].
         period: between samples [s].
         speed: part of the joints' speed limits that is used.
@@ -59,7 +62,7 @@ def _part(
     kind: str, chain: Chain, room: Array, count: int, period: float, speed: float, rng: np.random.Generator
 ) -> Array:
     time = period * np.arange(count)
-    make = {"multisine": _multisine, "point_to_point": _moves, "slow_reversals": _reversals}[kind]
+    make = {"multisine": _multisine, "point_to_point": _moves, "slow_reversals": _reversals, PICKING: _picking}[kind]
     return make(time, chain, room, speed, rng)
 
 
@@ -101,6 +104,23 @@ def _moves(time: Array, chain: Chain, room: Array, speed: float, rng: np.random.
     part = time > now
     result[part] = here * (1.0 - _smoothstep((time[part] - now) / max(time[-1] - now - 0.1, 0.5))[:, None])
     return result
+
+
+def _picking(time: Array, chain: Chain, room: Array, speed: float, rng: np.random.Generator) -> Array:
+    """Between places where something is taken and put, a little above each first, with rests of 0.3 to 1.5 s."""
+    poses = rng.uniform(-0.85, 0.85, (int(rng.integers(2, 4)), chain.n)) * room
+    above = poses + rng.uniform(-0.12, 0.12, poses.shape) * room
+    result, here, now = np.zeros((len(time), chain.n)), np.zeros(chain.n), rng.uniform(0.2, 0.6)
+    stops = [pose for one, other in zip(above, poses, strict=True) for pose in (one, other, one)]
+    k = 0
+    while True:
+        there = stops[k % len(stops)] + 0.01 * room * rng.normal(size=chain.n)
+        needed = 1.9 * np.max(np.abs(there - here) / (speed * chain.column("velocity")))
+        last = now + max(needed, 0.35)
+        if last > time[-1] - 0.4:
+            return result
+        result[time > now] = here + (there - here) * _smoothstep((time[time > now] - now) / (last - now))[:, None]
+        here, now, k = there, last + (rng.uniform(0.3, 1.5) if k % 3 == 1 else rng.uniform(0.0, 0.3)), k + 1
 
 
 def _reversals(time: Array, chain: Chain, room: Array, speed: float, rng: np.random.Generator) -> Array:

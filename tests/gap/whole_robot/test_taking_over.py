@@ -16,6 +16,9 @@ from twin_diagram.gap.whole_robot.concluding import WholeRobot
 from twin_diagram.logs import Log
 from twin_diagram.model.model import Model
 
+QUIET = np.full(6, 1e-6)
+"""A noise that no log has [N·m]."""
+
 
 def log_of(model: Model, seed: int = 99) -> Log:
     time, q, v, a = swing(6.0, seed)
@@ -25,22 +28,37 @@ def log_of(model: Model, seed: int = 99) -> Log:
 def test_many_things_at_once_outdo_none_but_not_what_explains_as_much() -> None:
     true, whole = lacking()
     logs = [log_of(true)]
-    assert taking_over.outdoes(whole, logs, ARM, named=False)
-    assert taking_over.outdoes(whole, logs, ARM, named=True)
-    assert not taking_over.outdoes(whole, logs, true, named=True)
-    assert not taking_over.outdoes(whole, logs, whole.model, named=True)
+    assert taking_over.outdoes(whole, logs, ARM, named=False, floor=QUIET)
+    assert taking_over.outdoes(whole, logs, ARM, named=True, floor=QUIET)
+    assert not taking_over.outdoes(whole, logs, true, named=True, floor=QUIET)
+    assert not taking_over.outdoes(whole, logs, whole.model, named=True, floor=QUIET)
 
 
 def test_what_is_not_borne_out_by_unseen_motion_does_not() -> None:
     true, whole = lacking()
     worse = replace(whole, left=30.0 * whole.before)
-    assert not taking_over.outdoes(worse, [log_of(true)], ARM, named=False)
+    assert not taking_over.outdoes(worse, [log_of(true)], ARM, named=False, floor=QUIET)
 
 
 def test_few_places_are_no_whole_robot() -> None:
     true, whole = lacking()
     few = tuple(replace(f, joints=f.joints[:1], links=f.links[:1]) for f in whole.findings)
-    assert not taking_over.outdoes(replace(whole, findings=few), [log_of(true)], ARM, named=False)
+    coherent = replace(whole.problem, share=np.full(6, 0.06))
+    pieces = replace(whole, findings=few, problem=coherent)
+    assert not taking_over.outdoes(pieces, [log_of(true)], ARM, named=False, floor=QUIET)
+
+
+def test_few_things_that_leave_nothing_but_noise_outdo_none() -> None:
+    """A delay of all joints has no place at all; what it leaves is at the torques' noise, or hangs together no more."""
+    true, whole = lacking()
+    delay = replace(whole.findings[0], name="time_delay", joints=(), links=())
+    noisy = replace(whole, findings=(delay,), problem=replace(whole.problem, share=np.full(6, 0.06)))
+    assert not taking_over.outdoes(noisy, [log_of(true)], ARM, named=False, floor=QUIET)
+    assert taking_over.outdoes(noisy, [log_of(true)], ARM, named=False, floor=whole.left)
+    spread = replace(noisy, problem=replace(whole.problem, share=np.full(6, 0.35)))
+    assert taking_over.outdoes(spread, [log_of(true)], ARM, named=False, floor=QUIET)
+    one = replace(noisy, problem=replace(whole.problem, share=np.array([0.35, 0.06, 0.35, 0.35, 0.35, 0.35])))
+    assert not taking_over.outdoes(one, [log_of(true)], ARM, named=False, floor=QUIET)
 
 
 def test_what_a_search_explains_is_left_alone() -> None:
@@ -51,7 +69,7 @@ def test_what_a_search_explains_is_left_alone() -> None:
         Verdict("none", False, (), (), (), np.ones(6)),
         Verdict("named", False, (said,), (), (), np.ones(6)),
     ):
-        assert taking_over.taken_over(records, [], verdict, ARM, whole) == (verdict, ARM, None)
+        assert taking_over.taken_over(records, [], verdict, ARM, whole, QUIET) == (verdict, ARM, None)
 
 
 def test_noise_is_that_of_the_torques_where_nothing_was_searched() -> None:

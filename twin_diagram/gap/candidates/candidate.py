@@ -91,11 +91,14 @@ class Candidate:
 
     def allows(self, coefficients: Array) -> bool:
         """Return whether coefficients are physical."""
-        if len(coefficients) == 1:  # most: without arrays, as this is asked of everything that is scored
-            inside = bool(self.lower[0] <= coefficients[0] <= self.upper[0])
-        else:
-            inside = bool(np.all(coefficients >= self.lower) and np.all(coefficients <= self.upper))
+        # Without arrays, as this is asked of everything that is scored.
+        inside = all(a <= c <= b for (a, b), c in zip(self._bounds, coefficients.tolist(), strict=True))
         return inside and (self.admits is None or self.admits(coefficients))
+
+    @cached_property
+    def _bounds(self) -> list[tuple[float, float]]:
+        """Of each coefficient."""
+        return list(zip(self.lower.tolist(), self.upper.tolist(), strict=True))
 
     def during(self, active: Array, onset: Moment | None, end: Moment | None) -> Candidate:
         """Return the same, acting only where `active` (ΣD,) is 1."""

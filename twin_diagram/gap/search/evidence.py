@@ -91,6 +91,7 @@ class HypothesisSolver:
         self._products = products
         self._counts = counts
         self._finest = finest
+        self._heard = (counts > 1.0).tolist()
         self._zero = 0.0
         self.nuisances: tuple[int, ...] = ()
         self.fits: dict[Members, HypothesisFit] = {}
@@ -142,7 +143,7 @@ class HypothesisSolver:
 
     def told(self, candidate: Candidate) -> bool:
         """Return whether each joint that a candidate names has samples that count."""
-        return bool(np.all(self._counts[list(candidate.joints)] > 1.0))
+        return all(self._heard[j] for j in candidate.joints)
 
 
 def _widths(

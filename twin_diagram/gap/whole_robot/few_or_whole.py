@@ -138,7 +138,8 @@ def looked_for(
         if not told and whole is None and taking_over.is_noise(given, logs, verdict.noise_floor):
             fewer = replace(fewer, verdict="none")
         verdict, corrected, _ = _corrected(given, logs, held, fewer, records, say)
-    answer = Explanation(*taking_over.taken_over(records, logs, verdict, corrected, whole), whole)
+    over = taking_over.taken_over(records, logs, verdict, corrected, whole, bare.noise_floor)
+    answer = Explanation(*over, whole)
     # Of a search that is not the answer nothing is said.
     notes += more if answer.whole is None else told_of_whole(answer.whole, logs, verdict.noise_floor)
     return answer

@@ -47,6 +47,10 @@ class Tuning:
     aloof: float = 3.0
     """Times what is usually left by which a joint stands out."""
 
+    incoherent: float = 0.25
+    """Share of a joint's samples that are independent from which on what is left is noise: beside all that was in nine
+    logs it was 0.28 to 0.5, of drifts, drag and cables that no law has 0.05 to 0.07."""
+
     same: float = 1.1
     """Times what is expected of a corrected model that it may leave of a log and still be the same."""
 
@@ -62,7 +66,7 @@ TUNING = Tuning()
 
 
 def taken_over(
-    records: Records, logs: Sequence[Log], verdict: Verdict, corrected: Model, whole: WholeRobot | None
+    records: Records, logs: Sequence[Log], verdict: Verdict, corrected: Model, whole: WholeRobot | None, floor: Array
 ) -> tuple[Verdict, Model, WholeRobot | None]:
     """Return verdict and corrected model, of the whole robot where that is the better answer, and what was found of it.
 
@@ -74,10 +78,11 @@ def taken_over(
         verdict: of the search.
         corrected: the given model with what the search has named.
         whole: what was found of the robot as a whole.
+        floor: (n,) noise that the torques themselves show [N·m].
     """
     if verdict.verdict == "none" or (verdict.verdict == "named" and not verdict.remainder):
         return verdict, corrected, None
-    if whole is None or not outdoes(whole, logs, corrected, named=bool(verdict.findings)):
+    if whole is None or not outdoes(whole, logs, corrected, named=bool(verdict.findings), floor=floor):
         return verdict, corrected, None
     return as_named(records, verdict, whole), whole.model, whole
 
@@ -194,17 +199,23 @@ def unsearched(records: Records) -> Verdict:
     return Verdict("unknown", False, (), (), (), np.maximum(np.max(below, axis=0), 1e-9))
 
 
-def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: bool) -> bool:
-    """Return whether many things at once leave clearly less on motion that they have not seen.
+def outdoes(whole: WholeRobot, logs: Sequence[Log], corrected: Model, *, named: bool, floor: Array) -> bool:
+    """Return whether what was found of the robot as a whole leaves clearly less on motion that it has not seen.
+
+    Few things are held to more than many: they must leave nothing but noise, or they may be pieces of what no law
+    describes.
 
     Args:
         whole: what was found of the robot as a whole.
         logs: of the fit.
         corrected: its rival, which has seen all motion.
         named: whether the rival names anything.
+        floor: (n,) noise that the torques themselves show [N·m].
     """
     n = len(whole.left)
-    if whole.terms() < n or 2 * whole.places() < n:
+    few = whole.terms() < n or 2 * whole.places() < n
+    noise = (whole.left <= TUNING.above * floor) | (whole.problem.share > TUNING.incoherent)
+    if few and not np.all(noise):
         return False
     return gained(whole, logs, corrected) > (TUNING.better if named else TUNING.much)
 
