@@ -20,7 +20,7 @@ from tests import gap_bench as bench
 from twin_diagram.gap.candidates.records import RECORDS
 from twin_diagram.gap.correction.named_effects import effects_of, sentence_of, specs_of
 from twin_diagram.gap.experiments import advice, trajectories
-from twin_diagram.gap.findings import Alternative, Estimate, Finding, Separation, Verdict
+from twin_diagram.gap.findings import Alternative, Estimate, Finding, Moment, Separation, Verdict
 from twin_diagram.gap.report import charts, gap_json, numbers, words
 from twin_diagram.gap.report import page as report
 from twin_diagram.gap.report.comparison import Shown, above_noise, compare, show
@@ -530,3 +530,20 @@ def test_every_experiment_that_can_be_asked_for_has_a_motion() -> None:
     assert asked == set(trajectories.MAKERS)
     made = trajectories.design("ask the robot's maker", trajectories.Visited((), *[np.zeros((0, 0))] * 6), [])
     assert made is None
+
+
+def test_what_is_of_the_same_name_at_other_times_is_told_beside_it(shown: Shown) -> None:
+    """Two loads, one of which comes twice: an entry per name is the layout."""
+
+    def held(mass: float, onset: float, end: float) -> Finding:
+        size = {"mass": Estimate(mass, 0.01, "kg")}
+        return Finding("payload", (), ("lower",), size, 0.9, onset=Moment(0, onset), end=Moment(0, end))
+
+    friction = bench.friction_finding(1.0)
+    found = (held(1.5, 2.0, 6.0), friction, held(0.6, 7.0, 8.5), held(1.5, 9.0, 9.5))
+    verdict = Verdict("named", False, found, (), (), np.ones(2))
+    load, dry = gap_json.contents(verdict, shown)["effects"]
+    assert (load["onset"], load["end"], load["parameters"]["mass"]["value"]) == (2.0, 6.0, 1.5)
+    told = [(one["onset"], one["end"], one["parameters"]["mass"]["value"], one["links"]) for one in load["others"]]
+    assert told == [(7.0, 8.5, 0.6, ["lower"]), (9.0, 9.5, 1.5, ["lower"])]
+    assert "others" not in dry

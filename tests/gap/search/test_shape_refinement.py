@@ -50,6 +50,10 @@ def test_a_shape_is_moved_off_its_grid_to_where_it_explains_most() -> None:
     moved(fresh, terms, fresh.solve(frozenset({0})), 0)
     counts = [c.shape["cycles"] for c in fresh.candidates[1:]]
     assert len(counts) == 9 and min(counts) > 60.0 * (1.0 - width) and max(counts) < 60.0 * (1.0 + width)
+    again = moved(fresh, terms, fresh.solve(frozenset({0})), 0)
+    assert len(fresh.candidates) == 10 and again.evidence == pytest.approx(found.evidence, rel=1e-12)
+    moved(fresh, terms, again, *again.members)
+    assert len(fresh.candidates) == 19, "about another value others are tried"
 
 
 def test_where_no_shape_is_better_the_fit_stays() -> None:

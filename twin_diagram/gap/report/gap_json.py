@@ -34,7 +34,10 @@ def contents(verdict: Verdict, shown: Shown) -> dict[str, Any]:
     return {
         "verdict": verdict.verdict,
         "remainder": bool(verdict.remainder),
-        "effects": [_effect(finding, files) for finding in one_per_name(verdict.findings, joints)],
+        "effects": [
+            {**_effect(finding, files), **_besides(finding, verdict.findings, files)}
+            for finding in one_per_name(verdict.findings, joints)
+        ],
         "where": [_place(place, files) for place in verdict.where],
         "gap": {
             "torque_rms": {
@@ -95,9 +98,24 @@ def of_files(shown: Shown) -> list[int]:
     return [len(set(sources[:k])) - (source in sources[:k]) for k, source in enumerate(sources)]
 
 
-def _effect(finding: Finding, files: Sequence[int]) -> dict[str, Any]:
+def _besides(entry: Finding, findings: Sequence[Finding], files: Sequence[int]) -> dict[str, Any]:
+    """Return what else is of an entry's name at other times: loads held one after the other, say; nothing where none.
+
+    An entry has the times of the strongest alone.
+
+    Args:
+        entry: of `one_per_name`.
+        findings: all.
+        files: see `of_files`.
+    """
+    when = entry.onset, entry.end
+    others = [one for one in findings if one.name == entry.name and (one.onset, one.end) != when]
+    return {"others": [_at(one, files) for one in others]} if others else {}
+
+
+def _at(finding: Finding, files: Sequence[int]) -> dict[str, Any]:
+    """Return where, how much and when something is."""
     return {
-        "name": finding.name,
         "joints": list(finding.joints),
         "links": list(finding.links),
         "parameters": {
@@ -106,6 +124,16 @@ def _effect(finding: Finding, files: Sequence[int]) -> dict[str, Any]:
             else {joint: _estimate(each) for joint, each in value.items()}
             for key, value in finding.parameters.items()
         },
+        "onset": _moment(finding.onset, files),
+        "end": _moment(finding.end, files),
+    }
+
+
+def _effect(finding: Finding, files: Sequence[int]) -> dict[str, Any]:
+    what = _at(finding, files)
+    return {
+        "name": finding.name,
+        **{key: what[key] for key in ("joints", "links", "parameters")},
         "confidence": _probability(finding.confidence),
         "alternatives": [
             {
@@ -116,8 +144,7 @@ def _effect(finding: Finding, files: Sequence[int]) -> dict[str, Any]:
             }
             for other in finding.alternatives[:3]
         ],
-        "onset": _moment(finding.onset, files),
-        "end": _moment(finding.end, files),
+        **{key: what[key] for key in ("onset", "end")},
     }
 
 

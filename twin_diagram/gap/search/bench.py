@@ -50,6 +50,7 @@ class Bench:
         products: of columns and residual, remembered.
         offered: which of them a search may choose from.
         solver: of hypotheses.
+        reshaped: indices of what was taken in for other values of a candidate's shape, by what says which it was.
     """
 
     def __init__(
@@ -88,6 +89,7 @@ class Bench:
         self.products = InnerProducts(self.y, self.candidates, self.columns)
         self.offered = OfferedColumns((self.n, self.rows), self.candidates, self.columns, self.right)
         self.solver = HypothesisSolver(self.candidates, self.products, self.counts, self.finest)
+        self.reshaped: dict[tuple[object, ...], dict[float, int | None]] = {}
         self.solver.nuisances = tuple(self.add(candidate) for candidate in nuisances)
         for candidate in candidates:
             self.add(candidate)

@@ -80,7 +80,7 @@ def moved(bench: Bench, terms: Terms, fit: HypothesisFit, member: int, *, slow: 
     if candidate.variant == "swinging" and not slow:
         return fit
     for key, low, high in shapes(terms, candidate):
-        rebuild = _rebuild(terms, bench.candidates[member], key)
+        rebuild = _rebuild(bench, terms, bench.candidates[member], key)
         fit, member = _line_search(bench, fit, member, key, rebuild, low, high)
     return fit
 
@@ -91,7 +91,7 @@ def recentred(terms: Terms, candidate: Candidate, coefficients: Array) -> Candid
     return None if again is None else again(terms, candidate, coefficients)
 
 
-Rebuild = Callable[[float], Candidate | None]
+Rebuild = Callable[[float], int | None]
 
 
 def shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]:
@@ -102,11 +102,22 @@ def shapes(terms: Terms, candidate: Candidate) -> list[tuple[str, float, float]]
     return own(terms, candidate)
 
 
-def _rebuild(terms: Terms, candidate: Candidate, key: str) -> Rebuild:
-    """Return what makes a candidate anew for another value of one of its shapes."""
+def _rebuild(bench: Bench, terms: Terms, candidate: Candidate, key: str) -> Rebuild:
+    """Return what takes a candidate in anew for another value of one of its shapes, and answers its index.
+
+    Beside one hypothesis after the other the same shape is looked for about the same value: it is worked out once.
+    """
     rebuilt = record_of(candidate.name).rebuilt
     assert rebuilt is not None, candidate.name
-    return lambda value: rebuilt(terms, candidate, key, value)
+    known = bench.reshaped.setdefault((candidate.place, candidate.variant, key, *candidate.shape.items()), {})
+
+    def index(value: float) -> int | None:
+        if value not in known:
+            made = rebuilt(terms, candidate, key, value)
+            known[value] = None if made is None else bench.add(made, offered=False)
+        return known[value]
+
+    return index
 
 
 def _line_search(
@@ -120,10 +131,9 @@ def _line_search(
 
     def cost(x: float) -> float:
         nonlocal best, at
-        made = rebuild(float(np.exp(x)))
-        if made is None:
+        index = rebuild(float(np.exp(x)))
+        if index is None:
             return np.inf
-        index = bench.add(made, offered=False)
         found = bench.solve(others | {index})
         if found.evidence > best.evidence:
             best, at = found, index

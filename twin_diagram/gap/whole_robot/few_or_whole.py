@@ -181,8 +181,7 @@ def told_of_held(whole: WholeRobot, logs: Sequence[Log]) -> list[str]:
             until = "to the end" if end is None else f"to {end[1]:.2f} s"
             spans.append(f"{begin} {until}" + (f" of {logs[log].source}" if len(logs) > 1 else ""))
         later = "it is taken to be there in later runs" if load.end is None else "it is taken to be gone in other runs"
-        more = "; gap.json tells of the longest" if len(spans) > 1 else ""
-        result.append(f"a load is held for a part of the fitted runs only: {', '.join(spans)}{more}; {later}")
+        result.append(f"a load is held for a part of the fitted runs only: {', '.join(spans)}; {later}")
     return result
 
 
