@@ -303,6 +303,19 @@ def test_kinds() -> None:
     ]
 
 
+@pytest.mark.parametrize(("seed", "name"), [(2, "coulomb_friction"), (3, "time_delay")])
+def test_an_arm_that_picks_and_places_rests_and_comes_back(seed: int, name: str) -> None:
+    """Under a controller that acts on its own noise: what it asks for at rest is not still."""
+    case = cases.make_case("resting", seed, duration=10.0)
+    assert [thing.name for thing in case.hidden] == [name] and case.period == cases.RESTING_PERIODS[seed % 4]
+    moving = np.max(np.abs(np.gradient(case.fit.asked, case.period, axis=0)), axis=1) > 1e-3
+    assert 0.15 < np.mean(~moving) < 0.8
+    rests = [case.fit.asked[k] for k in np.flatnonzero(np.diff(moving.astype(int)) == -1)]
+    apart = [np.max(np.abs(a - b)) for i, a in enumerate(rests) for b in rests[:i]]
+    assert min(apart) < 0.1 and max(apart) > 0.5, "a few poses, again"
+    assert np.all(np.ptp(case.control.resolution) == 0.0)
+
+
 def test_case_folder_tells_nothing(tmp_path: Path) -> None:
     """Neutral names, and of a dirty case only what its model already has."""
     case = cases.make_case("dirty", 5, duration=SHORT)
