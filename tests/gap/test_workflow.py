@@ -183,6 +183,10 @@ def test_a_name_that_cannot_be_added_is_no_error(
     model, (fit, held, _) = runs
     less = bench.friction_finding(torque=-3.0)  # there is none to take away
     monkeypatch.setattr(few_or_whole, "name", lambda *_: bench.verdict("named", [less]))
+    gap = run_gap(model, [fit], held)  # the robot as a whole has what is there
+    assert [effect["name"] for effect in gap.answer["effects"]] == ["coulomb_friction"]
+    assert gap.answer["effects"][0]["parameters"]["torque"]["elbow"]["value"] == pytest.approx(3.0, rel=0.05)
+    monkeypatch.setattr(few_or_whole, "whole_robot", lambda *_, **__: None)
     gap = run_gap(model, [fit], held)
     assert gap.verdict.verdict == "unknown" and gap.answer["effects"] == []
 
