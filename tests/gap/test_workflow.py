@@ -21,7 +21,7 @@ from twin_diagram.gap.correction import add_effects
 from twin_diagram.gap.naming import name
 from twin_diagram.gap.report import page
 from twin_diagram.gap.residuals.prepared_logs import Records, prepare
-from twin_diagram.gap.whole_robot import contacts, few_or_whole, lagging_torque
+from twin_diagram.gap.whole_robot import contacts, few_or_whole, mended_logs
 from twin_diagram.gap.workflow import Gap, run_gap
 from twin_diagram.logs import Log, read_log, write_log
 from twin_diagram.model.effects import REGISTRY, Effect, ParameterKind, register
@@ -73,7 +73,7 @@ def test_fitted_logs_are_prepared_once(
         prepared.append(tuple(log.source for log in logs))
         return prepare(model, logs)
 
-    for module in (contacts, lagging_torque, naming, add_effects):
+    for module in (contacts, mended_logs, naming, add_effects):
         monkeypatch.setattr(module, "prepare", counted)
     gap = run_gap(model, [fit, other], held)
     assert gap.corrected is not gap.given
@@ -155,6 +155,7 @@ def test_exit_is_0_whatever_the_verdict(
     monkeypatch: pytest.MonkeyPatch, runs: tuple[Path, list[Path]], tmp_path: Path
 ) -> None:
     model, (fit, held, _) = runs
+    monkeypatch.setattr(few_or_whole, "whole_robot", lambda *_, **__: None)
     for kind in ("none", "unknown"):
         monkeypatch.setattr(few_or_whole, "name", lambda *_, kind=kind: bench.verdict(kind))
         assert cli.main(arguments(model, [fit], held, tmp_path / kind)) == 0

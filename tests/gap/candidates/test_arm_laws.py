@@ -177,6 +177,9 @@ def test_where_the_last_joint_swings_its_link_a_payload_may_be_on_either_side(tm
     candidate = payload.payload(terms_of(Records(model, (record(model, np.arange(500) / RATE, still, still, still),))))
     for side in (0.2, -0.2):
         assert candidate.allows(np.array([1.0, 0.0, side, 0.0])) and candidate.allows(np.array([1.0, 0.0, 0.0, side]))
+    assert candidate.admits is not None
+    with np.errstate(invalid="raise"):
+        assert candidate.admits(np.zeros(4)), "nothing is nowhere in particular"
 
 
 def test_where_the_last_joint_is_askew_to_the_way_to_it_a_payload_may_be_on_either_side(tmp_path: Path) -> None:

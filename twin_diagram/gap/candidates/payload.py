@@ -83,13 +83,12 @@ def within_reach(terms: Terms, body: int) -> Callable[[Array], bool]:
     ahead = float(from_before @ tree.axis[body])
     least = max(TUNING.along * float(np.linalg.norm(from_before)), TUNING.short * reach(terms))
     wrist = tree.revolute[body] and tree.parent[body] >= 0 and abs(ahead) > least
-    back = abs(ahead) if wrist else np.inf
     outward = np.sign(ahead) * tree.axis[body]
 
     def admits(c: Array) -> bool:
         mass = abs(c[0])
         moment = np.sign(c[0]) * (X_ML.rotation().matrix() @ c[1:4]) + mass * X_ML.translation()
-        behind = -float(outward @ moment) > back * mass
+        behind = wrist and -float(outward @ moment) > abs(ahead) * mass
         return bool(np.linalg.norm(c[1:4]) <= far * mass) and not behind
 
     return admits
