@@ -74,7 +74,7 @@ TUNING = Tuning()
 
 
 @dataclass(frozen=True)
-class Asked:
+class Allowed:
     """What may be asked of the grip.
 
     Attributes:
@@ -183,7 +183,7 @@ def display(
         if weight is not None and (ways or tilt != 0.0):
             weight = weight.seen(np.concatenate([np.zeros((0, 3)), *(one.points_T(4) for one in taken)]))
             # As it hangs it is held, which tells no more than what is known of where it pulls.
-            asked = Asked(weight, max(1.0, float(weight.asked(hanging)[0])), first=not ways)
+            asked = Allowed(weight, max(1.0, float(weight.asked(hanging)[0])), first=not ways)
         tries = (tilt, *TUNING.more_tilts) if tilt == tilts[0] else (tilt,)
         for part in _reached(mover, cell, learning, TUNING.upright if tilt == 0.0 else tries, asked):
             ways += 1
@@ -211,7 +211,7 @@ def _reached(
     cell: Cell,
     learning: Learning,
     tilts: tuple[float, ...],
-    asked: Asked | None,
+    asked: Allowed | None,
 ) -> Iterator[tuple[float, float]]:
     """Go to where each part of a turn at the first tilt that is reached begins, and yield it; nothing: none is reached.
 
@@ -250,7 +250,7 @@ def _turns_at(
     learning: Learning,
     tilt: float,
     ends: tuple[float, float],
-    asked: Asked | None,
+    asked: Allowed | None,
 ) -> Iterator[tuple[Array, list[tuple[float, float]]]]:
     """Yield joint angles (G, n) at a tilt [rad], and parts of the last joint's turn there that hold; whole ones first.
 
@@ -279,7 +279,7 @@ def _clear(mover: Mover, cell: Cell, learning: Learning, tilt: float, ends: tupl
     return np.asarray(goals[clear])
 
 
-def _held_parts(mover: Mover, q: Array, ends: tuple[float, float], asked: Asked) -> list[tuple[float, float]]:
+def _held_parts(mover: Mover, q: Array, ends: tuple[float, float], asked: Allowed) -> list[tuple[float, float]]:
     """Return from where to where the last joint may turn at joint angles (n,) [rad]; see `parts_of`.
 
     Where no part is held short ones are gone along that ask little more, and at first the gentlest, whatever they ask:
