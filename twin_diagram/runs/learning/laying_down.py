@@ -148,7 +148,8 @@ def lay_down(
                     touching[2, 3] += TUNING.clear
                     line = mover.line(q, touching)
                     line = np.vstack([line, mover.through(line[-1], way)[1:]])
-                    if not mover.bare_free(line, SETTING.grazing, standing=True):
+                    beside = mover.bare_free(line[:-1], SETTING.beside, standing=True)
+                    if not (beside and mover.bare_free(line[-1:], SETTING.grazing, standing=True)):
                         raise NoWay("something is in the way of laying it down")
                     with mover.as_if(lying @ R_WT.T + end, float(place[2])):
                         back = way_back(mover, line[-1])
