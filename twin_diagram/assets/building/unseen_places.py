@@ -31,6 +31,12 @@ class Tuning:
     """Power of that share which is the chance: below 1, for of a thin shell all is empty up to what was seen. The share
     itself counts: most things are no shells, and of round ones more than that share is full."""
 
+    through: float = 0.15
+    """Mean length, of the size, of what is hollow up to its far wall, as a stool or a box with flaps: …"""
+
+    hollow: float = 0.2
+    """… the chance that a body is so, in what no view looked under."""
+
     open: float = 0.25
     """Share of cells that must have been looked through for what they border on to end there."""
 
@@ -78,7 +84,9 @@ def unseen_places(field: DistanceField, chance: Map, plane: Array | None) -> tup
     unknown = ~field.known & (field.distance < 0)
     height = None if plane is None else heights(field.grid, plane)
     share = behind_ends(field, height)
-    found = [_of(field, np.maximum(chance, share**TUNING.shells), np.maximum(chance, share))]
+    far = TUNING.hollow * behind_ends(field, height, TUNING.through)
+    each = (1.0 - TUNING.hollow) * share**TUNING.shells + far
+    found = [_of(field, np.maximum(chance, each), np.maximum(chance, (1.0 - TUNING.hollow) * share + far))]
     if height is not None and unknown.any():
         high = float(height[field.distance < 0].max())
         depth = min(TUNING.recess * high, TUNING.deepest)
@@ -87,12 +95,13 @@ def unseen_places(field: DistanceField, chance: Map, plane: Array | None) -> tup
     return tuple(found)
 
 
-def behind_ends(field: DistanceField, height: Array | None) -> Map:
+def behind_ends(field: DistanceField, height: Array | None, behind: float = TUNING.behind) -> Map:
     """Return the share (nx, ny, nz) of cells that is empty since what was looked through ends there; 0 elsewhere.
 
     Args:
         field: where what no view told of is inside.
         height: (nx, ny, nz) above the support [m]: nobody looked from below it.
+        behind: mean length by which it falls off, of the body's size.
     """
     inside = field.distance < 0
     told = np.zeros(inside.shape, np.float32)
@@ -106,7 +115,7 @@ def behind_ends(field: DistanceField, height: Array | None) -> Map:
     seen = coarse_share(inside & known) > 0.0  # however thin what was seen is, nothing passes it
     free = (coarse_share(inside & ~known & ~ground) >= 0.5) & ~seen
     ends = (coarse_share(~inside & ~ground) > TUNING.open) & ~free & ~seen
-    length = TUNING.behind * float(np.prod((at.max(axis=0) - at.min(axis=0) + 1) * field.grid.voxel)) ** (1 / 3)
+    length = behind * float(np.prod((at.max(axis=0) - at.min(axis=0) + 1) * field.grid.voxel)) ** (1 / 3)
     fading = (COARSE.coarse * field.grid.voxel / length) ** 2
     share = on_points(spread_into(free, ends, seen, np.zeros(free.shape, bool), fading), inside.shape)
     told[box] = np.where(inside & ~known & (share > TUNING.least), share, np.float32(0.0))
