@@ -1,8 +1,8 @@
 """How exact, how full and how fast objects are built from noisy pictures: prints a table, worst cell last.
 
-`python sims/benchmarks/reconstruction.py [--views 40 8] [--noise 0 0.0015] [--objects mug …] [--seeds 1] [--rings 25
-50]`. Pictures are cast from `rendered_views`; told poses are 2 mm and 0.2° off. The truth is in the scorer alone: what
-was built is laid on it rigidly, since an asset's frame is its own. Volume and what is told of its error are
+`python sims/benchmarks/reconstruction.py [--views 40 8] [--noise 0 0.0015] [--objects mug …] [--first 0] [--seeds 1]
+[--rings 25 50]`. Pictures are cast from `rendered_views`; told poses are 2 mm and 0.2° off. The truth is in the scorer
+alone: what was built is laid on it rigidly, since an asset's frame is its own. Volume and what is told of its error are
 `asset.yaml`'s; after them, the mesh's. Surface seen counts that two pictures or more see, within 75° of incidence.
 """
 
@@ -173,6 +173,7 @@ def main() -> None:
     parser.add_argument("--objects", nargs="+", default=list(OBJECTS))
     parser.add_argument("--views", nargs="+", type=int, default=[40, 8])
     parser.add_argument("--noise", nargs="+", type=float, default=[0.0015], help="RMS at 1 m [m]")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--rings", nargs="+", type=float, default=[], help="elevations [deg], instead of a spiral")
     parser.add_argument("--masks", action="store_true")
@@ -183,7 +184,7 @@ def main() -> None:
         item = load(folder if folder.is_dir() else Path(name))
         for views in told.views:
             for noise in told.noise:
-                for seed in range(told.seeds):
+                for seed in range(told.first, told.first + told.seeds):
                     shots = pictures(item, views, noise, seed=seed, elevations=told.rings)
                     with tempfile.TemporaryDirectory() as aside:
                         scene = write_scene(Path(aside) / "scene", shots, told.masks)

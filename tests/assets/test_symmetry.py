@@ -83,6 +83,52 @@ def test_colours_break_what_the_shape_has() -> None:
     assert symmetry.proposed(points, normals, np.full((4000, 3), 0.5) + 0.05 * normals[:, :1])[-1] == "z any"
 
 
+def lit_from_one_side(normals: Array, paint: Array) -> Array:
+    """Colours of paint (M, 3) as a lamp at one side shows them: what faces away has two thirds of what faces it."""
+    lamp = np.array([0.5, -0.35, 0.8]) / np.linalg.norm([0.5, -0.35, 0.8])
+    return np.asarray(paint * (0.6 + 0.4 * np.maximum(normals @ lamp, 0.0))[:, None])
+
+
+def test_a_lamp_at_one_side_makes_nothing_less_round() -> None:
+    points, normals = cloud(CONE)
+    points = points - points.mean(axis=0)
+    paint = np.where(points[:, 2:] > 0.0, [0.9, 0.8, 0.3], [0.85, 0.85, 0.85])
+    lit = lit_from_one_side(normals, paint)
+    rng = np.random.default_rng(0)
+    assert symmetry.proposed(points, normals, lit + 0.02 * rng.standard_normal(lit.shape)) == ("z any",)
+    # A label is no light, be it darker paint or another colour.
+    angle = np.arctan2(points[:, 1], points[:, 0])
+    label = (np.abs(angle) < 0.5) & (points[:, 2] > -0.02) & (points[:, 2] < 0.03)
+    for one in (0.5 * paint, [0.3, 0.7, 0.85] + 0 * paint):
+        labelled = lit_from_one_side(normals, np.where(label[:, None], one, paint))
+        assert symmetry.proposed(points, normals, labelled) == ()
+    halves = lit_from_one_side(normals, np.where(angle[:, None] > 0.0, 0.25 * paint, paint))
+    assert symmetry.proposed(points, normals, halves) == ()
+    # What faces away has a tenth: no lamp does that alone.
+    black = paint * (0.55 + 0.45 * np.cos(angle))[:, None]
+    assert symmetry.proposed(points, normals, black) == ()
+
+
+def test_light_makes_no_flat_sides_alike() -> None:
+    points, normals = cloud(HEXAGON)
+    sides = np.full((4000, 3), 0.9) * (1.0 + 0.3 * normals[:, :1])  # of light or of paint: nothing tells
+    assert not any("z" in one for one in symmetry.proposed(points, normals, sides))
+
+
+def test_what_no_picture_showed_makes_nothing_less_round() -> None:
+    points, normals = cloud(CONE)
+    points = points - points.mean(axis=0)
+    below = normals[:, 2] < -0.9
+    colours = lit_from_one_side(normals, np.full((4000, 3), 0.8))
+    colours[below & (points[:, 0] > 0.0)] = 0.1  # made up
+    assert symmetry.proposed(points, normals, colours) == ()
+    assert symmetry.proposed(points, normals, colours, below) == ("z any",)
+    # Of what was seen from one side alone most is compared with what nobody saw.
+    points, normals = cloud(CAN)
+    colours = np.where(points[:, :1] > 0.0, 0.9, 0.1) * np.ones((4000, 3))
+    assert not any("any" in one for one in symmetry.proposed(points, normals, colours, points[:, 0] < 0.0))
+
+
 def test_what_is_told_is_read_or_refused() -> None:
     assert symmetry.parsed(["z 4", "x any"], "here") == ((2, 4), (0, 0))
     for wrong in ("z", "z 1", "w 2", "z -2", "z 4.5", "z 0", "zz 2", "", "x 999"):

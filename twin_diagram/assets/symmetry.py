@@ -57,6 +57,19 @@ class Tuning:
     odd: tuple[float, ...] = (0.071, 0.187, 0.293, 0.437)
     """Shares of a whole turn that no such repetition has: after all of them, any turn is alike."""
 
+    lit: float = 0.5
+    """By how much more than the mean at most a lamp at one side lights what faces it: three times what faces away."""
+
+    share_lit: float = 0.95
+    """So many points are then of one paint: beside the edges of bands, and of shadows, not all are."""
+
+    rounds: int = 8
+    """Of the search for that light: what is painted otherwise counts less in each."""
+
+    least_seen: float = 0.5
+    """Share of points, and of where they come to lie, that pictures must have shown before what none showed is left
+    out: of what stands, all turned upside down is compared with what nobody saw."""
+
 
 TUNING = Tuning()
 AXES = "xyz"
@@ -65,18 +78,24 @@ ANY = "any"
 """In the place of a number: every turn about that axis."""
 
 
-def proposed(points: Array, normals: Array, colours: Array) -> tuple[str, ...]:
+def proposed(
+    points: Array, normals: Array, colours: Array, unpainted: npt.NDArray[np.bool_] | None = None
+) -> tuple[str, ...]:
     """Return the symmetries about the axes of O that shape and colours have.
+
+    What is round may have been lit from one side when its pictures were taken: their light is in its colours. Nothing
+    flat is told from another by that, so that it counts for any turn alone.
 
     Args:
         points: (M, 3) of the surface in O [m].
         normals: (M, 3) outward.
         colours: (M, 3) of 1.
+        unpainted: (M,) which of them no picture showed; None: none.
     """
-    cloud = _Cloud(points, normals, colours)
+    cloud = _Cloud(points, normals, colours, unpainted)
     found = []
     for name, way in zip(AXES, np.eye(3), strict=True):
-        if all(cloud.looks_same(share * way) for share in TUNING.odd):
+        if all(cloud.looks_same(share * way) for share in TUNING.odd) or cloud.is_round(way):
             found.append(f"{name} {ANY}")
             continue
         most = next((count for count in TUNING.counts if cloud.repeats(way, count)), 1)
@@ -87,7 +106,10 @@ def proposed(points: Array, normals: Array, colours: Array) -> tuple[str, ...]:
 class _Cloud:
     """A coloured surface that is turned and laid on itself."""
 
-    def __init__(self, points: Array, normals: Array, colours: Array):
+    def __init__(
+        self, points: Array, normals: Array, colours: Array, unpainted: npt.NDArray[np.bool_] | None = None
+    ) -> None:
+        self._shown = np.ones(len(points), bool) if unpainted is None else ~unpainted
         self._points, self._normals, self._colours = points, normals, colours
         self._tree = cKDTree(points)
         k = min(TUNING.neighbours, len(points))
@@ -123,17 +145,76 @@ class _Cloud:
                 return False
         return True
 
+    def is_round(self, way: Array) -> bool:
+        """Return whether any turn about `way` (3,) leaves what pictures showed alike, but for the light from one side.
+
+        Where p comes to lie on q, both are of one paint, C_q / (1 + b·n_q) = C_p / (1 + b·n_p): linear in the light b.
+        """
+        own, mine = self._shown_beside(self._some, self._ways)
+        pairs = []
+        for share in TUNING.odd:
+            turn = rotations.matrix(rotations.exp(2.0 * np.pi * share * way))
+            places, ways = self._some @ turn.T, self._ways @ turn.T
+            there, index = self._on_surface(places, ways)
+            shown, its = self._shown_beside(places, ways)
+            both = own & shown
+            if both.mean() < TUNING.least_seen or there[both].mean() < TUNING.share:
+                return False
+            kept = both & there
+            pairs.append((mine[kept], its[kept], np.stack([self._ways[kept], self._normals[index[kept, 0]]], axis=1)))
+        colours, others, normals = (np.concatenate(each) for each in zip(*pairs, strict=True))
+        across = normals - (normals @ way)[..., None] * way
+        alike = _unlike_in_light(colours, others, across) < TUNING.colour
+        parts = np.split(alike, np.cumsum([len(one) for one, _, _ in pairs])[:-1])
+        return all(part.mean() >= TUNING.share_lit for part in parts)
+
+    def _shown_beside(self, places: Array, ways: Array) -> tuple[npt.NDArray[np.bool_], Array]:
+        """Return of places (N, 3), with normals (N, 3), which are not beside what no picture showed, and their colour.
+
+        On a thin wall the nearest points are of either side: those of the own one count.
+        """
+        _, index = self._tree.query(places, k=min(TUNING.neighbours, len(self._points)), workers=1)
+        beside = np.einsum("nki,ni->nk", self._normals[index], ways) > TUNING.facing
+        told = beside & self._shown[index]
+        count = told.sum(axis=1)
+        mean = np.einsum("nk,nki->ni", told.astype(float), self._colours[index]) / np.maximum(count, 1)[:, None]
+        return (count > 0) | ~beside.any(axis=1), mean
+
     def _lies(self, places: Array, ways: Array, colours: Array) -> npt.NDArray[np.bool_]:
         """Return which places (N, 3), with normals (N, 3) and colours (N, 3), lie on the surface, and alike there."""
+        there, index = self._on_surface(places, ways)
+        unlike = np.linalg.norm(self._colours[index].mean(axis=1) - colours, axis=1) / np.sqrt(3.0)
+        return np.asarray(there & (unlike < TUNING.colour))
+
+    def _on_surface(self, places: Array, ways: Array) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+        """Return which places (N, 3), with normals (N, 3), lie on the surface, and the nearest points (N, k) of it."""
         distance, index = self._tree.query(places, k=min(TUNING.neighbours, len(self._points)), workers=1)
         normal = self._normals[index]
         off = np.abs(np.einsum("nki,nki->nk", normal, places[:, None] - self._points[index]))
         # About an edge the very nearest point may be of the other side.
         there = ((off < self._slack) & (np.einsum("nki,ni->nk", normal, ways) > TUNING.facing)).any(axis=1)
         # Beside the edge of a sheet all is in its plane: there a turned card would lie on itself, whatever its outline.
-        there &= distance[:, 0] < self._spacing[index[:, 0]] + self._slack
-        unlike = np.linalg.norm(self._colours[index].mean(axis=1) - colours, axis=1) / np.sqrt(3.0)
-        return np.asarray(there & (unlike < TUNING.colour))
+        return there & (distance[:, 0] < self._spacing[index[:, 0]] + self._slack), index
+
+
+def _unlike_in_light(mine: Array, its: Array, normals: Array) -> Array:
+    """Return by how much colours differ (N,) of 1, but for the light from one side that explains most of it.
+
+    Args:
+        mine: (N, 3) colours of points, and …
+        its: (N, 3) … of where they come to lie.
+        normals: (N, 2, 3) of both.
+    """
+    J = mine[:, :, None] * normals[:, 1, None, :] - its[:, :, None] * normals[:, 0, None, :]
+    apart = its - mine
+    weight, light = np.ones(len(mine)), np.zeros(3)
+    for _ in range(TUNING.rounds):
+        A = np.einsum("n,nci,ncj->ij", weight, J, J) + 1e-9 * len(mine) * np.eye(3)
+        light = np.linalg.solve(A, np.einsum("n,nci,nc->i", weight, J, apart))
+        light *= min(1.0, TUNING.lit / max(float(np.linalg.norm(light)), 1e-9))
+        off = np.linalg.norm(apart - J @ light, axis=1) / np.sqrt(3.0)
+        weight = (1.0 + (2.0 * off / TUNING.colour) ** 2) ** -2.0
+    return np.asarray(off / (1.0 + 0.5 * (normals @ light).sum(axis=1)))
 
 
 def parsed(told: Sequence[str], where: str) -> tuple[tuple[int, int], ...]:

@@ -139,9 +139,10 @@ def grasp_on_what_is_seen(draw: Draw) -> Pose | str:
         points[order], normals[order], PANDA_HAND, count=10, seed=draw.scenario.seed,
         viewpoint=segments.camera.p_WC, table=plane, surroundings=around,
     )  # fmt: skip
-    down = [k for k in range(len(grasps)) if grasps.approach[k, 2] < -0.5]
-    if not down:
-        return f"no grasp from above: {grasps.why_empty() or 'all from the side'}"
-    X_OG = compose(inverse(track.pose), grasps.poses[down[0]])
+    if not len(grasps):
+        return f"no grasp: {grasps.why_empty()}"
+    # From above nothing of the clutter is in the hand's way; from the side, where nothing else is had.
+    best = next((k for k in range(len(grasps)) if grasps.approach[k, 2] < -0.5), 0)
+    X_OG = compose(inverse(track.pose), grasps.poses[best])
     R = RotationMatrix(Quaternion(X_OG[:4] / np.linalg.norm(X_OG[:4])))
     return Pose([float(x) for x in X_OG[4:]], [float(x) for x in RollPitchYaw(R).vector()])

@@ -200,6 +200,21 @@ def test_looked_through_is_outside_and_never_seen_is_inside() -> None:
     np.testing.assert_allclose(field.distance[front], p[front][:, 2] - 0.02, atol=3e-4)
 
 
+@pytest.mark.parametrize("voxel", [0.001, 0.0015])
+def test_a_thin_floor_stays_whole_on_a_coarse_grid_and_the_supports_noise_goes(voxel: float) -> None:
+    tray = cup(0.06, 0.003, 0.02)
+    taken = shots([tray], cameras(16, 0.01, 25.0))
+    views = [looked_over(taken.read(k)) for k in range(len(taken))]
+    grid = FusionGrid.around(np.array([-0.09, -0.09, -0.004]), np.array([0.09, 0.09, 0.024]), voxel, 0.0)
+    plane = np.array([0.0, 0.0, 1.0, -0.0004])  # as low as it may be found: the table lies 0.4 mm above it
+    field = fuse(views, grid, 0.0008, plane)
+    x, y, z = np.moveaxis(grid.points(), -1, 0)
+    floor = (np.hypot(x, y) < 0.05) & (z > 0.0) & (z < 0.0025)
+    assert (field.distance[floor] < 0).mean() > 0.99
+    table = (np.hypot(x, y) > 0.065) & (np.hypot(x, y) < 0.085)
+    assert not (field.distance[table] < 0).any()
+
+
 def test_a_book_that_stands_on_edge_is_fused() -> None:
     """A layer of its grid has 35,000 points, more than OpenCV looks up in one row."""
     R = np.column_stack([[0, 1.0, 0], [0, 0, -1.0], [-1.0, 0, 0]])

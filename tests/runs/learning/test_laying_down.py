@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
-from twin_diagram.runs.learning.laying_down import laying_of
+from tests.runs.learning.test_display import Sightless
+from twin_diagram.runs.learning.following import Followed
+from twin_diagram.runs.learning.laying_down import lay_into, laying_of
+from twin_diagram.runs.learning.motion import Mover, cloud_cells
+from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.steadiness import steadiness
+from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array
 
 AROUND = np.arange(0.0, 2.0 * np.pi, 0.1)
@@ -54,3 +62,54 @@ def test_what_stands_on_no_side_of_that_plane_is_not_laid_down() -> None:
     rng = np.random.default_rng(0)
     ball = rng.standard_normal((4000, 3))
     assert laying_of(0.04 * ball / np.linalg.norm(ball, axis=1, keepdims=True) * [1.0, 1e-6, 1.0]) is None
+
+
+class Opening(Sightless):
+    """A cell whose fingers open at once; notes where the arm was then."""
+
+    opened: Array
+
+    @property
+    def q(self) -> Array:
+        return self.commanded
+
+    def about(self, phase: str, place: Array) -> Any:
+        return nullcontext()
+
+    def grip(self, opened: float) -> None:
+        self.opened = self.commanded
+
+
+def held_as_it_is(points: Array) -> ShownObject:
+    """What is held with its tool pointing straight down."""
+    followed = Followed(points=points, normals=np.zeros_like(points))
+    return ShownObject(followed, [np.eye(4)], [0.07], R_WT=np.diag([1.0, -1.0, -1.0]))
+
+
+def test_what_would_fall_over_in_the_other_bin_is_laid_down_within_its_walls() -> None:
+    twin = load_scenario("bin_picking").twin
+    assert twin.learning is not None
+    low, high = (np.array(corner) for corner in twin.learning.into_bin)
+    mover, cell, points = Mover(twin, {}, np.full(7, 2.0)), Opening(np.array(twin.home)), bottle_upside_down()
+    mover.hold(cloud_cells(points, 0.01))
+    put = lay_into(mover, cast(Any, cell), held_as_it_is(points), low, high, [])
+    assert put is not None and put.top < low[2] + 0.09, "it lies"
+    laying = laying_of(points)
+    assert laying is not None
+    X = mover.tool(cell.opened)
+    swept = laying.swept(points) @ X[:3, :3].T + X[:3, 3]
+    # All the way, not only at its end, and a cell's edge over what holds it.
+    assert (swept[:, :2] > low[:2] - 0.01).all() and (swept[:, :2] < high[:2] + 0.01).all()
+    assert float(np.ptp(swept[-len(points) :, 2])) < 0.09 < 0.15 < float(np.ptp(swept[: len(points), 2]))
+    assert swept[:, 2].min() == pytest.approx(low[2], abs=0.003)
+
+
+def test_what_stands_is_not_laid_down() -> None:
+    twin = load_scenario("bin_picking").twin
+    assert twin.learning is not None
+    low, high = (np.array(corner) for corner in twin.learning.into_bin)
+    box = np.random.default_rng(0).uniform([-0.03, -0.03, -0.03], [0.03, 0.03, 0.03], (4000, 3))
+    box[np.arange(4000), np.arange(4000) % 3] = 0.03 * np.sign(box[np.arange(4000), np.arange(4000) % 3])
+    mover, cell = Mover(twin, {}, np.full(7, 2.0)), Opening(np.array(twin.home))
+    assert lay_into(mover, cast(Any, cell), held_as_it_is(box), low, high, []) is None
+    assert len(cell.gone) == 1

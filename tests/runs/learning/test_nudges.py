@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -9,9 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from twin_diagram.planning.grasps import gripper_of
 from twin_diagram.runs.learning.bin_view import SeenThing
+from twin_diagram.runs.learning.motion import Mover
 from twin_diagram.runs.learning.nudges import TUNING, Nudge, nudges_of
 from twin_diagram.runs.learning.nudging import TUNING as NUDGING
 from twin_diagram.runs.learning.nudging import is_clear, tool_poses
+from twin_diagram.runs.learning.pressing import begun_at
+from twin_diagram.scenario.file import load_scenario
 from twin_diagram.signals.arrays import Array
 
 LOW, HIGH = np.array([0.28, -0.56, 0.01]), np.array([0.56, -0.16, 0.12])
@@ -95,3 +101,34 @@ def test_fingers_come_down_beside_its_edge_and_press_below_it() -> None:
     assert is_clear(poses, WSG, NONE, raised)
     nearer = nudge.middle * nudge.across + (nudge.near + 0.01) * nudge.along + [[0.0, 0.0, 0.24]]
     assert not is_clear(poses, WSG, NONE, np.vstack([thing.points, nearer]))
+
+
+BEYOND_RIM = Nudge(np.array([-0.89, 0.456, 0.0]), -0.161, -0.771, 0.179, 0.15, 1.24)
+"""Of a cracker box that lies over the bin's far corner, back into it."""
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.35])
+def test_a_hand_that_leans_presses_where_one_that_hangs_straight_down_does(lean: float) -> None:
+    poses = tool_poses(BEYOND_RIM, 0.149, WSG, lean)
+    corner = poses @ [-0.5 * WSG.finger_width, 0.0, WSG.finger_front, 1.0]
+    other = poses @ [0.5 * WSG.finger_width, 0.0, WSG.finger_front, 1.0]
+    ahead = max((corner, other), key=lambda one: float(one[0, :3] @ BEYOND_RIM.along))
+    along = ahead[:, :3] @ BEYOND_RIM.along / (BEYOND_RIM.along @ BEYOND_RIM.along)
+    assert along[0] == pytest.approx(BEYOND_RIM.near - NUDGING.before, abs=1e-3)
+    assert along[-1] == pytest.approx(BEYOND_RIM.near + BEYOND_RIM.length, abs=1e-3)
+    assert ahead[:, 2] == pytest.approx(0.149, abs=1e-4)
+    assert min(corner[:, 2].min(), other[:, 2].min()) >= 0.149 - 1e-4, "no lower than its tips' leading edge"
+    assert -poses[0, 2, 2] == pytest.approx(np.cos(lean), abs=1e-3)
+    assert (poses[0, :3, 2] @ BEYOND_RIM.along <= 1e-9) and poses[:, :3, :3] == pytest.approx(
+        np.broadcast_to(poses[0, :3, :3], (len(poses), 3, 3))
+    )
+
+
+def test_beyond_a_far_rim_a_hand_reaches_that_leans_back_over_the_thing() -> None:
+    twin = load_scenario("bin_picking").twin
+    tools: Any = SimpleNamespace(
+        mover=Mover(twin, {}, np.full(7, 2.0)), cell=SimpleNamespace(commanded=np.array(twin.home))
+    )
+    straight, leaning = (begun_at(tools, tool_poses(BEYOND_RIM, 0.149, WSG, lean), -0.015) for lean in NUDGING.leans)
+    assert straight is None, "82 cm from the arm's axis"
+    assert leaning is not None

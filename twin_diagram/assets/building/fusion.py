@@ -44,8 +44,13 @@ class Tuning:
     """How many views must look through a place for each unit of weight that says it lies just below a surface."""
 
     foot: float = 2.0
-    """Height above the support below which only that counts which carries something [voxels]; a cup's floor must
-    stay."""
+    """Height up to which what does not rise above it is the support's noise [standard deviations of depth], …"""
+
+    thinnest: float = 0.002
+    """… at least [m], as of a fine grid: a pan's floor of 3 mm must stay, also on a coarse grid, …"""
+
+    foot_voxels: float = 2.0
+    """… and at most [voxels]."""
 
     same_surface: float = 0.003
     """Depth that differs less from its neighbours' is interpolated between them [m]."""
@@ -150,7 +155,7 @@ def fuse(views: Sequence[DepthView], grid: FusionGrid, noise: float, plane: Arra
     through = np.where(weight > TUNING.least_weight, votes > TUNING.free_votes * weight, empty)
     distance = np.where(through & ((distance < 0) | (weight <= TUNING.least_weight)), front, distance)
     if plane is not None:
-        distance = _cut_off(distance, grid, plane, front)
+        distance = _cut_off(distance, grid, plane, front, noise)
     return DistanceField(grid, distance.astype(np.float32), weight, near | empty)
 
 
@@ -187,17 +192,19 @@ def _less(field: DistanceField, points: Array, half: Array) -> DistanceField:
     return replace(field, distance=np.maximum(field.distance, inside).astype(np.float32))
 
 
-def _cut_off(distance: Map, grid: FusionGrid, plane: Array, front: float) -> Map:
+def _cut_off(distance: Map, grid: FusionGrid, plane: Array, front: float, noise: float) -> Map:
     """Return the distance without what lies below the support, and without sheets that the support's own noise leaves.
 
-    Just above the support only that is inside which carries something: a place's distance there is at least that of the
-    place some voxels higher, which changes nothing at upright sides.
+    Just above the support only that is inside which rises above its noise: a place's distance there is at least that of
+    the place above it where that ends, which changes nothing at upright sides, nor below floors, however thin.
     """
     height = sum(np.moveaxis(plane[k] * axis[None, None, :], 2, k) for k, axis in enumerate(grid.axes())) - plane[3]
-    step = np.rint(TUNING.foot * plane[:3]).astype(int)
-    at = [np.clip(np.arange(n) + s, 0, n - 1) for n, s in zip(grid.shape, step, strict=True)]
-    higher = distance[np.ix_(*at)]
-    distance = np.where(height < (TUNING.foot - 0.5) * grid.voxel, np.maximum(distance, higher), distance)
+    foot = min(max(TUNING.foot * noise, TUNING.thinnest), TUNING.foot_voxels * grid.voxel)
+    at = np.argwhere(height < foot)
+    above = at + (foot - height[tuple(at.T)])[:, None] * plane[:3] / grid.voxel
+    higher = ndimage.map_coordinates(distance, above.T, order=1, mode="nearest")
+    distance = distance.copy()
+    distance[tuple(at.T)] = np.maximum(distance[tuple(at.T)], higher)
     return np.asarray(np.maximum(distance, np.clip(-height, -front, front)), dtype=np.float32)
 
 

@@ -151,7 +151,7 @@ def _write_files(new: NewAsset, folder: Path) -> None:
     np.savez(folder / "cloud.npz", **arrays)
     inertia = new.solid.inertia(new.mass) if new.measured is None else new.measured.inertia
     reach = np.abs(new.mesh.vertices).max(axis=0)
-    symmetries = symmetry.proposed(cloud.points, cloud.normals, cloud.colours)
+    symmetries = symmetry.proposed(cloud.points, cloud.normals, cloud.colours, arrays.get("unpainted"))
     spec = AssetSpec(
         name=new.name,
         shape="mesh",

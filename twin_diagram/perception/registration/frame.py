@@ -13,6 +13,7 @@ import numpy.typing as npt
 from twin_diagram.perception.pinhole import DepthImage, Pinhole
 from twin_diagram.perception.registration.colour_kernels import curvature_counts, cut_out, plain_colours, shared_out
 from twin_diagram.perception.registration.colour_shift import ALIGNED, ColourShift
+from twin_diagram.perception.registration.enclosed import enclosed
 from twin_diagram.perception.registration.point_kernels import Images, LooksFrom, NoiseLaw
 from twin_diagram.perception.segmentation.planes import Plane
 from twin_diagram.perception.segmentation.segments import TUNING as SEGMENTS
@@ -93,8 +94,13 @@ class Frame:
             v0, v1, u0, u1 = 0, 2, 0, 2
         robot = label == SEGMENTS.robot
         seen = whole_pixels(robot, stride, (height, width)) if robot.any() else np.zeros((height, width), dtype=bool)
-        counted = cut_out(segments.rgb, label, stride, (v0, v1, u0, u1))
-        colours = tuple(blur_within(counted, width) for width in TUNING.blur)
+        part = (v0, v1, u0, u1)
+        counted = cut_out(segments.rgb, label, stride, part)
+        within = enclosed(label)
+        floors = None
+        if within.any():
+            floors = cut_out(segments.rgb, np.where(within, np.int16(0), np.int16(-1)), stride, part)
+        colours = tuple(blur_within(counted, width, floors) for width in TUNING.blur)
         normals = np.zeros((*label.shape, 3), dtype=np.float32)
         normals[standing] = segments.normals_W
         return Frame(
@@ -152,15 +158,27 @@ def whole_pixels(mask: Mask, stride: int, shape: tuple[int, int]) -> Mask:
     return cast(Mask, wide[: shape[0], : shape[1]].view(bool))
 
 
-def blur_within(counted: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.float32]:
+def blur_within(
+    counted: npt.NDArray[np.float32], width: int, floors: npt.NDArray[np.float32] | None = None
+) -> npt.NDArray[np.float32]:
     """Blur masked pixels, (h, w, 4) with the mask last, among themselves (normalised convolution): a box, twice.
 
     A plain blur lets the table into the rim of every object, and registration then shrinks dark objects on light
-    tables by pushing them away from the camera. Far from the mask everything is black.
+    tables by pushing them away from the camera. Far from the mask everything is black, but for the `floors` that it
+    encloses, likewise blurred among themselves.
     """
+    least = np.float32(0.05)
+    blurred = _box_twice(counted, width)
+    if floors is not None:
+        others = _box_twice(floors, width)
+        blurred = np.where((blurred[..., 3:] < least) & (others[..., 3:] > 0.0), others, blurred)
+    return shared_out(blurred, least)
+
+
+def _box_twice(image: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.float32]:
     for _ in range(2):
-        counted = cast("npt.NDArray[np.float32]", cv2.blur(counted, (width, width)))
-    return shared_out(counted, np.float32(0.05))
+        image = cast("npt.NDArray[np.float32]", cv2.blur(image, (width, width)))
+    return image
 
 
 def noise_slopes(image: npt.NDArray[np.uint8]) -> tuple[float, ...]:

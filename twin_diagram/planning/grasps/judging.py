@@ -56,6 +56,10 @@ class Tuning:
     overlap: float = 0.25
     """Patches whose centres are aside by so much of a pad's width still overlap, so that a line through both holds."""
 
+    shown: float = 0.25
+    """A contact is no guess where a camera saw some of that side within so much of a pad's width: round sides are seen
+    to where they turn away, which is where pads meet them."""
+
 
 TUNING = Tuning()
 
@@ -224,9 +228,9 @@ def _held(
     seen = closing.align >= cone
     hidden = np.zeros_like(seen)
     room = np.ones(len(R), dtype=bool)
+    contacts = p[:, None] + np.einsum("kij,ksj->ksi", R, closing.contact)
+    outward = R[:, None, :, 1] * np.array([[[1.0], [-1.0]]])
     if target.viewpoint is not None:
-        contacts = p[:, None] + np.einsum("kij,ksj->ksi", R, closing.contact)
-        outward = R[:, None, :, 1] * np.array([[[1.0], [-1.0]]])
         away = np.einsum("ksi,ksi->ks", outward, target.viewpoint - contacts) < 0
         hidden = away & ~seen
         sides = (gripper.opening_most - closing.width)[:, None] / 2
@@ -249,7 +253,9 @@ def _held(
         ("nothing between the fingers", closing.count == 0),
     ):
         code[wrong] = _CODE[reason]
-    return code, seen
+    near = TUNING.shown * gripper.pad_width
+    shown = target.shown(contacts.reshape(-1, 3), outward.reshape(-1, 3), near, cone)
+    return code, seen & shown.reshape(seen.shape)
 
 
 def success_over_poses(

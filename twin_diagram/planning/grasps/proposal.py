@@ -18,6 +18,7 @@ import numpy as np
 
 from twin_diagram.planning.grasps import cost
 from twin_diagram.planning.grasps.gripper import Gripper
+from twin_diagram.planning.grasps.hidden_sides import with_hidden_sides
 from twin_diagram.planning.grasps.judging import REASONS, Judged, judge, success_over_poses
 from twin_diagram.planning.grasps.judging import TUNING as JUDGING
 from twin_diagram.planning.grasps.search import grid, refine, stacked, taken
@@ -166,6 +167,8 @@ class Wanted:
         covariance: (6, 6) of the object's pose; see `success_over_poses`; None: certain.
         pose: X_WO (7,); None: O is W.
         reachable: whether an arm can; None: anywhere.
+        guess: whether the sides of what one camera saw are guessed, see `hidden_sides`; else a finger only needs some
+            room beyond what is seen, and what is thin may be the side of something thick.
     """
 
     count: int = 10
@@ -174,6 +177,7 @@ class Wanted:
     covariance: Array | None = None
     pose: Array | None = None
     reachable: Reachable | None = None
+    guess: bool = True
 
     def __post_init__(self) -> None:
         """Refuse what cannot be asked."""
@@ -191,6 +195,10 @@ class Wanted:
         """The triangles, laid out once for all batches of candidates."""
         assert self.triangles is not None
         return laid_out(self.triangles)
+
+    def whole(self, target: GraspTarget) -> GraspTarget:
+        """Return what was seen of an object with what is guessed of the rest."""
+        return with_hidden_sides(target, self.seed) if self.guess and target.viewpoint is not None else target
 
     def cloud(self, count: int) -> tuple[Array, Array]:
         """Return points (count, 3) on the triangles and the normals there: the same each time, made once."""
@@ -235,7 +243,7 @@ def propose(
 
 def propose_for(target: GraspTarget, gripper: Gripper, wanted: Wanted) -> Grasps:
     """Return the best grasps of an object; arguments as of `propose`."""
-    rng = np.random.default_rng(wanted.seed)
+    target, rng = wanted.whole(target), np.random.default_rng(wanted.seed)
     reasons: Counter[str] = Counter()
     every: list[Judged] = []
     for attempt in range(TUNING.attempts):
@@ -261,6 +269,7 @@ def rank(grasps: Grasps, target: GraspTarget, gripper: Gripper, wanted: Wanted |
         wanted: what is asked; None: as many as there are.
     """
     wanted = wanted or Wanted(max(len(grasps), 1))
+    target = wanted.whole(target)
     found = judge(target, gripper, grasps.R, grasps.poses[:, 4:])
     return _ranked(target, gripper, found, wanted, Counter(_counted(found)))
 

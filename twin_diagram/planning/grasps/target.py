@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from twin_diagram.errors import TwinError
 from twin_diagram.planning.grasps.closing import Others
+from twin_diagram.planning.grasps.slab import Flags
 from twin_diagram.signals.arrays import Array
 
 LARGE: Final = 0.08
 """Of things this large [m] the fingers' plane holds a fifth of the points …"""
 FEWEST: Final = 0.25
 """… and of no thing fewer than this share is looked at: a cube of 1 cm has 25 points on a side then."""
+NEIGHBOURS: Final = 8
+"""Of a place, among which one is looked for that faces as it does: over an edge half of them do."""
 
 
 class GraspError(TwinError):
@@ -35,6 +40,7 @@ class GraspTarget:
         centre: (3,) centre of mass; None: not known.
         up: (3,) unit, against gravity; None: any direction may be.
         share: of the points that the search would look at.
+        guessed: (N,) points that no camera saw; see `hidden_sides`. None: there are none.
     """
 
     points: Array
@@ -46,6 +52,7 @@ class GraspTarget:
     centre: Array | None = None
     up: Array | None = None
     share: float = 1.0
+    guessed: Flags | None = None
 
     @property
     def others(self) -> Others:
@@ -63,7 +70,31 @@ class GraspTarget:
         every = self.own / count
         rest = np.arange(self.own, len(self.points))[:: max(int(every), 1)]
         kept = np.concatenate([np.arange(count), rest])
-        return replace(self, points=self.points[kept], normals=self.normals[kept], own=count)
+        guessed = None if self.guessed is None else self.guessed[kept]
+        return replace(self, points=self.points[kept], normals=self.normals[kept], own=count, guessed=guessed)
+
+    def shown(self, places: Array, outward: Array, within: float, least: float) -> Flags:
+        """Return on which places (M, 3) of the object a camera saw some of the side that faces outward there.
+
+        Args:
+            places: on the object, in O [m].
+            outward: (M, 3) unit.
+            within: so far from each a seen point may be [m], …
+            least: … whose normal has this part, or more, along `outward`.
+        """
+        if self.guessed is None:
+            return np.ones(len(places), dtype=bool)
+        tree, normals = self._seen
+        off, nearest = tree.query(places, k=min(NEIGHBOURS, tree.n), distance_upper_bound=within)
+        near = np.isfinite(off)
+        along = np.einsum("mki,mi->mk", normals[np.where(near, nearest, 0)], outward)
+        return np.asarray((near & (along >= least)).any(axis=1))
+
+    @cached_property
+    def _seen(self) -> tuple[cKDTree, Array]:
+        assert self.guessed is not None
+        seen = np.flatnonzero(~self.guessed[: self.own])
+        return cKDTree(self.points[seen]), self.normals[seen]
 
     def enough(self, count: int) -> int:
         """Return how many points are looked at where `count` of a large thing would be."""

@@ -32,12 +32,12 @@ Hold = Callable[[Array], Array]
 
 def holding(model: Model, mass: float, centre_T: Array) -> Hold:
     """Return the torques that bear a mass [kg] with its centre at a place (3,) in the tool's frame [m]."""
-    parameters = np.array([mass, *[0.0] * 9])
     held = Held.in_tool(model, RigidTransform(np.asarray(centre_T, dtype=float)))  # once, not at each tick of the cell
+    place, weight = np.asarray(held.X_MO.translation()), mass * model.tree.gravity
 
     def torque(q: Array) -> Array:
-        found, rest = np.zeros_like(q), np.zeros_like(q[None])
-        found[held.rows] = (held.regressor(model, q[None], rest, rest) @ parameters)[0]
+        found = np.zeros_like(q)
+        found[held.rows] = -model.tree.pushed(q[None], held.body, place, weight, np.zeros(3))[0, held.rows]
         return found
 
     return torque

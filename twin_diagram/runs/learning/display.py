@@ -16,7 +16,8 @@ import numpy.typing as npt
 from twin_diagram.errors import TwinError
 from twin_diagram.perception.segmentation.robot_shape import RobotShape
 from twin_diagram.runs.learning.cell import Cell, Picture
-from twin_diagram.runs.learning.held_turns import Weight, gentlest_first, parts_of
+from twin_diagram.runs.learning.held_turns import TUNING as TURNS
+from twin_diagram.runs.learning.held_turns import Weight, gentlest_first, gentlest_parts, parts_of
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
 from twin_diagram.runs.learning.picking import go
@@ -70,6 +71,21 @@ class Tuning:
 
 
 TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What may be asked of the grip.
+
+    Attributes:
+        weight: of what is held.
+        limit: share of what may be asked of it, as `Weight.asked` tells it: no less than as it hangs.
+        first: whether nothing was shown yet.
+    """
+
+    weight: Weight
+    limit: float
+    first: bool
 
 
 class NothingHeld(TwinError):
@@ -139,7 +155,8 @@ def display(
     """Show what is held, a full turn of the last joint at each tilt, and return the pictures.
 
     Where the weight would turn it between the fingers, a turn is gone along in parts that hold it, and what leans least
-    is shown first.
+    is shown first. Where nobody felt it yet, it has turned as it was lifted, or may: then it is first turned as it
+    hangs, which asks nothing of the pads, and pictures tell how it hangs.
 
     Args:
         mover: plans; it knows what is held.
@@ -158,12 +175,17 @@ def display(
     """
     taken: list[HeldPicture] = []
     ways = 0
-    limit = 1.0 if weight is None else max(1.0, float(weight.use(mover.tool(cell.commanded)[None, :3, :3])[0]))
-    for tilt in tilts if weight is None else gentlest_first(tilts):
-        if weight is not None:
+    hanging, asked = mover.tool(cell.commanded)[None, :3, :3], None
+    order = tilts if weight is None else gentlest_first(tilts)
+    if weight is not None and not weight.held_all_round(tool_at(learning, order[0])[:3, :3]):
+        order = (0.0, *order[1:])
+    for tilt in order:
+        if weight is not None and (ways or tilt != 0.0):
             weight = weight.seen(np.concatenate([np.zeros((0, 3)), *(one.points_T(4) for one in taken)]))
+            # As it hangs it is held, which tells no more than what is known of where it pulls.
+            asked = Allowed(weight, max(1.0, float(weight.asked(hanging)[0])), first=not ways)
         tries = (tilt, *TUNING.more_tilts) if tilt == tilts[0] else (tilt,)
-        for part in _reached(mover, cell, learning, tries, weight, limit):
+        for part in _reached(mover, cell, learning, TUNING.upright if tilt == 0.0 else tries, asked):
             ways += 1
             if not taken and cell.opening < PICKING.empty:
                 raise NothingHeld("it fell on its way to the camera")
@@ -189,8 +211,7 @@ def _reached(
     cell: Cell,
     learning: Learning,
     tilts: tuple[float, ...],
-    weight: Weight | None,
-    limit: float,
+    asked: Allowed | None,
 ) -> Iterator[tuple[float, float]]:
     """Go to where each part of a turn at the first tilt that is reached begins, and yield it; nothing: none is reached.
 
@@ -199,13 +220,12 @@ def _reached(
         cell: whose arm holds something.
         learning: where it is shown.
         tilts: of which the first that is reached is taken [rad].
-        weight: of what is held; None: nobody knows.
-        limit: what may be asked of the grip, as `Weight.use` tells it: no less than as it hangs.
+        asked: of the grip; None: nobody knows.
     """
     ends = _ends(mover)
     for tilt in tilts:
         begun = False
-        for goals, parts in _turns_at(mover, cell, learning, tilt, ends, weight, limit):
+        for goals, parts in _turns_at(mover, cell, learning, tilt, ends, asked):
             for part in parts:
                 # It begins at the end that is nearer; the last joint hardly changes what the arm is near to.
                 begin = part if cell.commanded[-1] < np.mean(part) else part[::-1]
@@ -230,18 +250,17 @@ def _turns_at(
     learning: Learning,
     tilt: float,
     ends: tuple[float, float],
-    weight: Weight | None,
-    limit: float,
+    asked: Allowed | None,
 ) -> Iterator[tuple[Array, list[tuple[float, float]]]]:
     """Yield joint angles (G, n) at a tilt [rad], and parts of the last joint's turn there that hold; whole ones first.
 
     Arguments as of `_reached`; `ends`: between which it turns.
     """
     goals = _clear(mover, cell, learning, tilt, ends)
-    if weight is None:
+    if asked is None:
         yield goals, [ends]
         return
-    parts = [_held_parts(mover, q, ends, weight, limit) for q in goals]
+    parts = [_held_parts(mover, q, ends, asked) for q in goals]
     whole = np.array([few == [ends] for few in parts], dtype=bool)
     if whole.any():
         yield goals[whole], [ends]
@@ -260,16 +279,21 @@ def _clear(mover: Mover, cell: Cell, learning: Learning, tilt: float, ends: tupl
     return np.asarray(goals[clear])
 
 
-def _held_parts(
-    mover: Mover, q: Array, ends: tuple[float, float], weight: Weight, limit: float
-) -> list[tuple[float, float]]:
-    """Return from where to where the last joint may turn at joint angles (n,) [rad]; see `parts_of`."""
+def _held_parts(mover: Mover, q: Array, ends: tuple[float, float], asked: Allowed) -> list[tuple[float, float]]:
+    """Return from where to where the last joint may turn at joint angles (n,) [rad]; see `parts_of`.
+
+    Where no part is held short ones are gone along that ask little more, and at first the gentlest, whatever they ask:
+    what nobody sees cannot be taken in another grasp.
+    """
     angles = np.linspace(*ends, 120)
     turned = np.repeat(q[None], len(angles), axis=0)
     turned[:, -1] = angles
     chain = mover.scene.chain
-    held = weight.use(chain.tool(chain.place(turned))[:, :3, :3]) <= limit
-    return [ends] if held.all() else parts_of(held, angles)
+    share = asked.weight.asked(chain.tool(chain.place(turned))[:, :3, :3])
+    if (share <= asked.limit).all():
+        return [ends]
+    most = np.inf if asked.first else asked.limit + TURNS.more
+    return parts_of(share <= asked.limit, angles) or gentlest_parts(share, angles, most)
 
 
 def _upright(mover: Mover, cell: Cell, learning: Learning, last: float) -> None:

@@ -33,10 +33,10 @@ from twin_diagram.runs.learning.coverage import hands_of, map_of, order_of, pose
 from twin_diagram.runs.learning.display import display
 from twin_diagram.runs.learning.felt_weight import Centre, Felt, bear, centre_felt, first_mass
 from twin_diagram.runs.learning.following import Followed, cover, follow, follow_anew
-from twin_diagram.runs.learning.held_turns import Weight, middle, weight_felt
+from twin_diagram.runs.learning.held_turns import Weight, about_pads, middle, weight_felt
 from twin_diagram.runs.learning.in_the_way import TUNING as IN_THE_WAY
 from twin_diagram.runs.learning.in_the_way import why_barred, with_room
-from twin_diagram.runs.learning.laying_down import stand_or_lie
+from twin_diagram.runs.learning.laying_down import lay_into, stand_or_lie
 from twin_diagram.runs.learning.looking_about import LyingAbout, look_about
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import TUNING as PICKING
@@ -168,8 +168,17 @@ def pick(
 def take_up(tools: Tools, thing: SeenThing, taken: Taken) -> None:
     """Tell planner and driver what was taken, as it lay: ways keep it clear of things, and it is borne."""
     points_T = (thing.points - taken.X_WT[:3, 3]) @ taken.X_WT[:3, :3]
-    tools.mover.hold(points_T)
-    bear(tools.model, tools.driven, tools.cell, points_T)
+    weight = _as_it_lay(tools, thing, taken)
+    X_T = about_pads(weight.turned_by(tools.mover.tool(tools.cell.commanded)[:3, :3]))
+    tools.mover.hold(np.vstack([points_T, points_T @ X_T[:3, :3].T + X_T[:3, 3]]))
+    centre_T = X_T[:3, :3] @ weight.centre_T + X_T[:3, 3]
+    tools.cell.borne.tell(holding(tools.driven, weight.mass, centre_T), tools.cell.time)
+
+
+def _as_it_lay(tools: Tools, thing: SeenThing, taken: Taken) -> Weight:
+    """Weigh what was taken at rest; return what is known of its weight, by where it lay."""
+    support, mass = support_of(thing, tools.learning), first_mass(tools.model, tools.cell)
+    return Weight.of_lying(mass, tools.cell.force, thing.points, support, taken.X_WT)
 
 
 def show_first(tools: Tools, picked: Picked) -> ShownObject:
@@ -180,8 +189,7 @@ def show_first(tools: Tools, picked: Picked) -> ShownObject:
     """
     assert picked.taken is not None
     # S is the tool's frame in the first picture, and it has not been turned since it was taken.
-    support, mass = support_of(picked.thing, tools.learning), first_mass(tools.model, tools.cell)
-    weight = Weight.of_lying(mass, tools.cell.force, picked.thing.points, support, picked.taken.X_WT)
+    weight = _as_it_lay(tools, picked.thing, picked.taken)
     (followed, felt), R_WS = _followed(tools, weight), picked.taken.X_WT[:3, :3]
     result = ShownObject(followed, [followed.X_ST[-1]], [tools.cell.apart], R_WT=R_WS @ followed.X_ST[-1][:3, :3])
     hold_seen(tools, result)
@@ -343,6 +351,9 @@ def put_away(tools: Tools, shown: ShownObject, standing: Sequence[PutDown]) -> P
     """
     low, high = (np.array(corner) for corner in tools.learning.into_bin)
     points_T, why = shown.in_tool(), NoWay("no room in the other bin")
+    if (laid := lay_into(tools.mover, tools.cell, shown, low, high, standing)) is not None:
+        keep_clear(tools, [*standing, laid])
+        return laid
     for R_WT in resting(shown.in_tool(FINE), shown.R_WT):
         places = places_in(low, high, standing, points_T, R_WT)
         if not places:

@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from twin_diagram.estimation.weighing.grip import Grip
 from twin_diagram.runs.learning.felt_weight import Centre
+from twin_diagram.runs.learning.motion import pose
 from twin_diagram.runs.learning.weighing import TUNING as WEIGHING
 from twin_diagram.signals.arrays import Array
 
@@ -35,6 +37,10 @@ class Tuning:
 
     parts: int = 2
     """Of a turn that is not held all along: what leans along the pads' axis is so twice a turn."""
+
+    more: float = 0.5
+    """Share of what may be asked that the gentlest parts may take beyond it where no part is held: a box of 1.45 kg
+    turned from 1.8 on."""
 
 
 TUNING = Tuning()
@@ -91,6 +97,46 @@ class Weight:
         moment = np.cross(self.centre_T - np.array(self.grip.centre), force)
         return self.grip.use(np.concatenate([force, moment], axis=1))
 
+    def asked(self, R_WT: Array) -> Array:
+        """Return the share (K,) as `use` does, where it is only guessed for the worse side of the pads to pull to.
+
+        What hangs beside the pads in a guess alone would else be leant to where that, and not the weight, hangs lower.
+        """
+        there = self.use(R_WT)
+        return (
+            there
+            if self.felt
+            else np.maximum(there, replace(self, centre_T=self.centre_T * [-1.0, 1.0, 1.0]).use(R_WT))
+        )
+
+    def held_all_round(self, R_WT: Array) -> bool:
+        """Return whether it is held in the tool's axes (3, 3), and turned about its own z axis by any angle.
+
+        What was felt counts as held: parts of the turn that hold it are known.
+        """
+        turns = Rotation.from_rotvec(np.outer(np.linspace(0.0, 2.0 * np.pi, 60), [0.0, 0.0, 1.0])).as_matrix()
+        return self.felt or bool((self.asked(R_WT @ turns) <= 1.0).all())
+
+    def turned_by(self, R_WT: Array) -> float:
+        """Return by how much it has turned about the pads' axis in the tool's axes (3, 3) [rad]; see `about_pads`.
+
+        What the pads hold has not. What asks for more hangs below them, or may: a box of 1.45 kg, taken at its end as
+        it lay on others, turned by 60° as it was lifted.
+        """
+        if float(self.use(R_WT[None])[0]) <= 1.0:
+            return 0.0
+        down, arm = R_WT.T @ [0.0, 0.0, -1.0], self.centre_T - np.array(self.grip.centre)
+        turn = float(np.arctan2(down[0], down[2]) - np.arctan2(arm[0], arm[2]))
+        return float(np.arctan2(np.sin(turn), np.cos(turn)))
+
+
+def about_pads(turn: float) -> Array:
+    """Return the turn (4, 4) of what is held by an angle about the axis through both pads [rad]."""
+    c, s = np.cos(turn), np.sin(turn)
+    centre = np.array([0.0, 0.0, 0.5 * sum(WEIGHING.pad)])
+    R = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return pose(R, centre - R @ centre)
+
 
 def middle(points: Array) -> Array:
     """Return the middle (3,) of the box about points (N, 3)."""
@@ -109,6 +155,26 @@ def parts_of(held: npt.NDArray[np.bool_], at: Array, most: int = TUNING.parts) -
     found = [(float(at[begin]), float(at[end - 1])) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
     long = [part for part in found if part[1] - part[0] >= TUNING.least]
     return sorted(long, key=lambda part: part[0] - part[1])[:most]
+
+
+def gentlest_parts(asked: Array, at: Array, most: float, parts: int = TUNING.parts) -> list[tuple[float, float]]:
+    """Return from where to where a turn asks least of the grip: parts as short as they may be, the gentlest first.
+
+    Args:
+        asked: (K,) of the grip at angles of the last joint.
+        at: (K,) those, ascending and even [rad].
+        most: that may be asked in them.
+        parts: at most.
+    """
+    wide = 1 + int(np.ceil(TUNING.least / float(at[1] - at[0])))
+    if wide > len(at):
+        return []
+    worst = np.lib.stride_tricks.sliding_window_view(asked, wide).max(axis=1)
+    found: list[int] = []
+    for k in np.argsort(worst, kind="stable"):
+        if len(found) < parts and worst[k] <= most and all(abs(int(k) - other) >= wide for other in found):
+            found.append(int(k))
+    return [(float(at[k]), float(at[k + wide - 1])) for k in found]
 
 
 def gentlest_first(tilts: Sequence[float]) -> tuple[float, ...]:

@@ -9,18 +9,31 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.held_turns import about_pads
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import go
 from twin_diagram.runs.learning.setting_down import TUNING as SETTING
-from twin_diagram.runs.learning.setting_down import pose_over, release, resting, set_down, way_back
+from twin_diagram.runs.learning.setting_down import (
+    PutDown,
+    places_in,
+    pose_over,
+    release,
+    resting,
+    set_down,
+    turned,
+    way_back,
+)
 from twin_diagram.runs.learning.shown_object import ShownObject
 from twin_diagram.runs.learning.steadiness import FINE, STEADY, steadiness
-from twin_diagram.runs.learning.weighing import TUNING as WEIGHING
 from twin_diagram.signals.arrays import Array
+
+DOWN: Final = pointing(np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]))
+"""Axes of a tool that points straight down."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +73,12 @@ class Laying:
     aside: Array
     height: Array
 
+    def swept(self, points_T: Array) -> Array:
+        """Return points (M, 3) of all that is held (N, 3) goes through on the way, in the tool's frame at its end."""
+        turns = np.linspace(0.0, np.arctan2(self.turn[0, 2], self.turn[0, 0]), len(self.aside))
+        off = np.column_stack([self.aside - self.aside[-1], 0.0 * self.aside, self.height[-1] - self.height])
+        return np.concatenate([_placed(points_T, float(turn)) + at for turn, at in zip(turns, off, strict=True)])
+
 
 def laying_of(points_T: Array) -> Laying | None:
     """Return how what is held is laid down by the least turn between the pads; None: nothing lies more surely.
@@ -86,20 +105,14 @@ def laying_of(points_T: Array) -> Laying | None:
     return Laying(about_pads(turn), np.array(aside), np.array(height))
 
 
-def about_pads(turn: float) -> Array:
-    """Return the turn (4, 4) of what is held by an angle about the axis through both pads [rad]."""
-    c, s = np.cos(turn), np.sin(turn)
-    centre = np.array([0.0, 0.0, 0.5 * sum(WEIGHING.pad)])
-    R = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    return pose(R, centre - R @ centre)
-
-
 def _placed(points: Array, turn: float) -> Array:
     X = about_pads(turn)
     return np.asarray(points @ X[:3, :3].T + X[:3, 3])
 
 
-def lay_down(mover: Mover, cell: Cell, points_T: Array, laying: Laying, places: Sequence[Array]) -> Array:
+def lay_down(
+    mover: Mover, cell: Cell, points_T: Array, laying: Laying, places: Sequence[Array], over: Array | None = None
+) -> Array:
     """Lay down what is held at the first of some places that the arm reaches, and go back.
 
     Args:
@@ -107,7 +120,8 @@ def lay_down(mover: Mover, cell: Cell, points_T: Array, laying: Laying, places: 
         cell: whose arm holds it.
         points_T: (N, 3) of it in the tool's frame [m].
         laying: of it.
-        places: (3,) each: x, y and the support's height [m].
+        places: (3,) each: x, y and the support's height [m]; (4,): and the one turn about the vertical that may be.
+        over: (M, 3) points in the tool's frame at the end whose middle comes over the place [m]; None: what lies there.
 
     Returns:
         The tool's pose (4, 4) when the fingers opened.
@@ -118,9 +132,11 @@ def lay_down(mover: Mover, cell: Cell, points_T: Array, laying: Laying, places: 
     last = NoWay("no place to lay it down is reached")
     lying = points_T @ laying.turn[:3, :3].T + laying.turn[:3, 3]
     for place in places:
-        for yaw in np.arange(SETTING.turns) * (2.0 * np.pi / SETTING.turns):
-            R_WT = pointing(np.array([0.0, 0.0, -1.0]), np.array([np.cos(yaw), np.sin(yaw), 0.0]))
+        for yaw in np.arange(SETTING.turns) * (2.0 * np.pi / SETTING.turns) if len(place) == 3 else place[3:]:
+            R_WT = turned(DOWN, float(yaw))
             end = pose_over(lying, R_WT, place[:2], float(place[2]))[:3, 3]
+            if over is not None:
+                end[:2] = pose_over(over, R_WT, place[:2], float(place[2]))[:2, 3]
             way = [pose(R_WT, end + (one - laying.aside[-1]) * R_WT[:, 0]) for one in laying.aside]
             for X, height in zip(way, laying.height, strict=True):
                 X[2, 3] = place[2] + height
@@ -132,7 +148,8 @@ def lay_down(mover: Mover, cell: Cell, points_T: Array, laying: Laying, places: 
                     touching[2, 3] += TUNING.clear
                     line = mover.line(q, touching)
                     line = np.vstack([line, mover.through(line[-1], way)[1:]])
-                    if not mover.bare_free(line, SETTING.grazing, standing=True):
+                    beside = mover.bare_free(line[:-1], SETTING.beside, standing=True)
+                    if not (beside and mover.bare_free(line[-1:], SETTING.grazing, standing=True)):
                         raise NoWay("something is in the way of laying it down")
                     with mover.as_if(lying @ R_WT.T + end, float(place[2])):
                         back = way_back(mover, line[-1])
@@ -153,10 +170,47 @@ def stand_or_lie(mover: Mover, cell: Cell, shown: ShownObject, places: Sequence[
     """
     points_T, fine, X_TS = shown.in_tool(), shown.in_tool(FINE), np.linalg.inv(shown.X_ST[-1])
     ways = resting(fine, shown.R_WT)
-    if steadiness(fine, ways[0].T @ [0.0, 0.0, -1.0]) < STEADY and (laying := laying_of(fine)) is not None:
+    if (laying := laid_where_it_falls(fine, ways[0])) is not None:
         with contextlib.suppress(NoWay):
             return np.asarray(lay_down(mover, cell, points_T, laying, places) @ laying.turn @ X_TS)
     for R_WT in ways:
         with contextlib.suppress(NoWay):
             return np.asarray(set_down(mover, cell, points_T, R_WT, places)[0] @ X_TS)
     raise NoWay("no place to set it down is reached")
+
+
+def lay_into(
+    mover: Mover, cell: Cell, shown: ShownObject, low: Array, high: Array, standing: Sequence[PutDown]
+) -> PutDown | None:
+    """Lay down what is held in a bin where it would fall over there; None: it would not, or cannot be laid down.
+
+    Args:
+        mover: knows what is held.
+        cell: whose arm holds it.
+        shown: what is held.
+        low: (3,) lowest corner of the bin's inside [m].
+        high: (3,) its highest.
+        standing: what was set down there.
+    """
+    points_T, fine = shown.in_tool(), shown.in_tool(FINE)
+    if (laying := laid_where_it_falls(fine, resting(fine, shown.R_WT)[0])) is None:
+        return None
+    swept = laying.swept(points_T)
+    try:
+        X_WT = lay_down(mover, cell, points_T, laying, places_in(low, high, standing, swept, DOWN), swept)
+    except NoWay:
+        return None
+    lying = points_T @ laying.turn[:3, :3].T + laying.turn[:3, 3]
+    at = lying @ X_WT[:3, :3].T + X_WT[:3, 3]
+    middle = 0.5 * (at.min(axis=0) + at.max(axis=0))
+    return PutDown.standing(lying, X_WT[:3, :3], np.array([*middle[:2], at[:, 2].min(), 0.0]))
+
+
+def laid_where_it_falls(points_T: Array, R_WT: Array) -> Laying | None:
+    """Return how what would fall over as it is set down is laid down; None: it would not, or nothing lies more surely.
+
+    Args:
+        points_T: (N, 3) of it in the tool's frame [m].
+        R_WT: (3, 3) the tool's axes in which it would be set down.
+    """
+    return laying_of(points_T) if steadiness(points_T, R_WT.T @ [0.0, 0.0, -1.0]) < STEADY else None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -43,6 +44,11 @@ class Tuning:
     before: float = 0.02
     """Of its side, the fingers come down [m]."""
 
+    leans: tuple[float, ...] = (0.0, 0.35)
+    """By how much the hand leans over the thing, the way it pushes, as they are tried [rad]: beyond a far rim, 82 cm
+    from an iiwa 7's axis, a hand that hangs straight down is out of reach. Shut fingers meet its upper edge then, half
+    as far ahead of the tips as they come down before its side."""
+
     step: float = 0.004
     """Between points of the way [m]: with `pressing`'s ticks 7 cm/s."""
 
@@ -60,6 +66,7 @@ class Nudging:
     Attributes:
         nudge: which way.
         tip: height of the finger tips [m].
+        lean: of the hand over the thing [rad].
         turn: 1 or -1: of both turns of the fingers, which are alike, the one that is reached.
         way: (W, n) joint angles to above where it begins [rad].
         down: (M, n) from there to it.
@@ -67,6 +74,7 @@ class Nudging:
 
     nudge: Nudge
     tip: float
+    lean: float
     turn: float
     way: Array
     down: Array
@@ -78,17 +86,21 @@ class Nudging:
         return one.near * one.along + one.middle * one.across + np.array([0.0, 0.0, self.tip])
 
 
-def tool_poses(nudge: Nudge, tip: float, gripper: Gripper) -> Array:
-    """Return poses (M, 4, 4) of a tool that points down on the way of a push, its tips at a height [m]."""
-    R = pointing(np.array([0.0, 0.0, -1.0]), nudge.across)
+def tool_poses(nudge: Nudge, tip: float, gripper: Gripper, lean: float = 0.0) -> Array:
+    """Return poses (M, 4, 4) of a tool on the way of a push, its tips' leading edge at a height [m].
+
+    Args:
+        nudge: which way.
+        tip: that height.
+        gripper: whose fingers are shut.
+        lean: of the hand from straight up, the way it pushes [rad].
+    """
+    c, s, up = np.cos(lean), np.sin(lean), np.array([0.0, 0.0, 1.0])
+    approach, ahead = -c * up - s * nudge.along, c * nudge.along - s * up
+    to_edge = gripper.finger_front * approach + 0.5 * gripper.finger_width * ahead
     ends = np.array([[nudge.near - TUNING.before, tip], [nudge.near + nudge.length, tip]])
-    places = [
-        (s - 0.5 * gripper.finger_width) * nudge.along
-        + nudge.middle * nudge.across
-        + np.array([0.0, 0.0, z + gripper.finger_front])
-        for s, z in evenly(ends, TUNING.step)
-    ]
-    return np.array([pose(R, place) for place in places])
+    places = [at * nudge.along + nudge.middle * nudge.across + z * up for at, z in evenly(ends, TUNING.step)]
+    return np.array([pose(pointing(approach, nudge.across), place - to_edge) for place in places])
 
 
 def plan_nudge(tools: Tools, thing: SeenThing, picture: Picture) -> Nudging | None:
@@ -111,15 +123,15 @@ def plan_nudge(tools: Tools, thing: SeenThing, picture: Picture) -> Nudging | No
     gripper, half = tools.gripper, 0.5 * tools.gripper.opening_least + tools.gripper.finger_thickness
     found = nudges_of(thing, np.vstack([np.zeros((0, 3)), *rest]), _bottom(picture, low, high), (low, high), half)
     barred = in_the_way(low, high, rest)[0]
-    for nudge in found:
+    for nudge, lean in product(found, TUNING.leans):
         for tip in sorted({max(nudge.edge - depth, low[2] + HANDLING.floor) for depth in TUNING.depths}):
-            poses = tool_poses(nudge, tip, gripper)
+            poses = tool_poses(nudge, tip, gripper, lean)
             if not is_clear(poses, gripper, barred, thing.points):
                 continue
             for turn in (1.0, -1.0):
                 begun = begun_at(tools, poses * np.array([turn, turn, 1.0, 1.0]), PICKING.grazing)
                 if begun is not None:
-                    return Nudging(nudge, tip, turn, *begun)
+                    return Nudging(nudge, tip, lean, turn, *begun)
     return None
 
 
@@ -158,7 +170,7 @@ def nudge_off(tools: Tools, plan: Nudging) -> str:
         plan: how.
     """
     mover, cell, nudge = tools.mover, tools.cell, plan.nudge
-    poses = tool_poses(nudge, plan.tip, tools.gripper) * np.array([plan.turn, plan.turn, 1.0, 1.0])
+    poses = tool_poses(nudge, plan.tip, tools.gripper, plan.lean) * np.array([plan.turn, plan.turn, 1.0, 1.0])
     cell.grip(0.0)
     go(cell, mover.timed(plan.way))
     told = f"pushed by {100 * nudge.length:.0f} cm"

@@ -117,7 +117,7 @@ def grasps_of_thing(
         lean: of `leaning`, along which hidden sides are guessed; None: straight down.
     """
     points, normals = thing.points[: TUNING.points], thing.normals[: TUNING.points]
-    wanted = Wanted(count or TUNING.candidates, seed)
+    wanted = Wanted(count or TUNING.candidates, seed, guess=False)  # hidden sides are guessed below
     # Nobody knows its weight: a usual one in the middle keeps grasps from its ends, where it would turn.
     told: dict[str, Any] = {
         "table": np.array([0.0, 0.0, 1.0, floor]),

@@ -36,6 +36,7 @@ from twin_diagram.runs.tracking.frame_views import FrameViews
 from twin_diagram.runs.tracking.individual import TUNING as BELIEF
 from twin_diagram.runs.tracking.individual import Individual, PoseShown, along_the_way, expected
 from twin_diagram.runs.tracking.picture_content import PictureContent, as_pictured
+from twin_diagram.runs.tracking.room import slots_for
 from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.scene import object_filter, object_update
 from twin_diagram.signals import rotations
@@ -97,7 +98,7 @@ class ObjectTracker:
             tuple(Known.of(model) for model in models),
             self._params,
             perception.smallest,
-            scenario.Slots(),
+            slots_for(len(models)),
             Life(scene.stale_after, scene.lost_after),
             TUNING.aside,
         )

@@ -31,6 +31,7 @@ from twin_diagram.runs.tracking.grown_assets import GrownAssets
 from twin_diagram.runs.tracking.object_tracker import ObjectTracker
 from twin_diagram.runs.tracking.picture_content import PictureContent
 from twin_diagram.runs.tracking.results import OBJECTS, POSES, Results, bop_row, frame_line
+from twin_diagram.runs.tracking.room import slots_for
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
 from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.runtime import atomic_file
@@ -237,7 +238,7 @@ def _library(library: Path, say: Callable[[str], None], grow: Path | None) -> tu
         itself = (Path(library) / "asset.yaml").is_file()
         hint = "; it is an asset itself: name the folder that holds it" if itself else ""
         raise AssetError(f"{library}: no whole asset in this library{hint}")
-    slots = scenario.Slots()
+    slots = slots_for(len(assets))
     if grow is not None and not slots.further(len(assets)):
         raise AssetError(
             f"--grow {grow}: no room for what grows: {slots.instances} objects are followed at most, and {library} "

@@ -1,0 +1,1 @@
+"""Picks and places by what the first image showed, and by nothing that comes after it."""
