@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import open3d as o3d
 
 from twin_diagram import TwinError
+from twin_diagram.native import import_open3d
 from twin_diagram.planning.grasps import PANDA_HAND, Wanted, propose, rank, read_known
 
 Array = npt.NDArray[np.float64]
@@ -55,6 +55,7 @@ def look(triangles: Array, rng: np.random.Generator, hidden: bool) -> Shown:
     turn, lift = rng.uniform(-np.pi, np.pi), np.deg2rad(rng.uniform(*ELEVATION))
     ahead, aside = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
     eye = middle + AWAY * (np.cos(lift) * ahead + np.sin(lift) * np.array([0.0, 0.0, 1.0]))
+    o3d = import_open3d()
     scene = o3d.t.geometry.RaycastingScene()
     faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
     scene.add_triangles(o3d.core.Tensor(corners.astype(np.float32)), o3d.core.Tensor(faces))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import open3d as o3d
 import pytest
 import trimesh
 
+from twin_diagram.native import import_open3d
 from twin_diagram.planning.grasps import PANDA_HAND, Wanted, propose, rank, target_of
 from twin_diagram.planning.grasps.hidden_sides import with_hidden_sides
 from twin_diagram.planning.grasps.triangles import surface_cloud
@@ -56,6 +56,7 @@ def test_hidden_sides_are_where_they_are(thing: object) -> None:
     target = with_hidden_sides(target_of(points, normals, viewpoint=EYE, table=TABLE), 0)
     assert target.viewpoint is None and target.guessed is not None and target.guessed.any()
     guess, outward = target.points[target.guessed], target.normals[target.guessed]
+    o3d = import_open3d()
     scene = o3d.t.geometry.RaycastingScene()
     faces = np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3)
     scene.add_triangles(o3d.core.Tensor(triangles.reshape(-1, 3).astype(np.float32)), o3d.core.Tensor(faces))
