@@ -58,6 +58,14 @@ def test_it_is_not_dragged_against_others() -> None:
     assert [one.along.tolist() for one in ways(can, beside.points)] == [[-1.0, 0.0, 0.0]]
 
 
+def test_what_is_higher_than_wide_is_dragged_where_it_does_not_rock_before_where_it_does() -> None:
+    """A gelatin box of 85 x 60 x 73 mm in a corner: dragged across its width it rocked by 18°, and fell back."""
+    box = flat((HIGH[0] - 0.045, LOW[1] + 0.032), (0.085, 0.06), LOW[2] + 0.073)
+    assert [one.along.tolist() for one in ways(box)] == [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    low = flat((HIGH[0] - 0.045, LOW[1] + 0.032), (0.085, 0.06), LOW[2] + 0.04)
+    assert [one.along.tolist() for one in ways(low)] == [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
+
+
 def test_fingers_press_on_its_top_and_go_aside_level() -> None:
     drag = ways(lying_can(HIGH[0] - 0.053, LOW[1] + 0.037))[0]
     poses = tool_poses(drag, pointing(np.array([0.0, 0.0, -1.0]), drag.along), WSG, TUNING.seen)

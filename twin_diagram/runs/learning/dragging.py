@@ -73,13 +73,14 @@ class Dragging:
     places: Array
 
 
-def plan_drag(tools: Tools, thing: SeenThing, picture: Picture) -> Dragging | None:
+def plan_drag(tools: Tools, thing: SeenThing, picture: Picture, attempt: int = 0) -> Dragging | None:
     """Return how a thing is dragged off walls that it lies at; None: it lies at none, or no way is free and reached.
 
     Args:
         tools: of the cell; the hand is empty.
         thing: as it lies.
         picture: in which it was seen; all else in it is in the way.
+        attempt: number of the try, from 0: in a corner each way comes first in turn, for one may not have moved it.
     """
     if thing.beside or len(thing.beyond):
         return None
@@ -94,7 +95,9 @@ def plan_drag(tools: Tools, thing: SeenThing, picture: Picture) -> Dragging | No
     shut, bare = gripper.opening_least + 2.0 * gripper.finger_thickness, PICKING.grazing - 0.5 * tools.cell.widest
     fingers = -gripper.boxes(gripper.opening_least)[0][:-1].min(axis=0)
     for along_way, deep, behind in ((True, shut, fingers[1]), (False, gripper.finger_width, fingers[0])):
-        for drag in drags_of(thing, flat, (low, high), deep, float(behind)):
+        found = drags_of(thing, flat, (low, high), deep, float(behind))
+        turned = attempt % len(found) if found else 0
+        for drag in found[turned:] + found[:turned]:
             across = np.cross([0.0, 0.0, 1.0], drag.along)
             for sign in (1.0, -1.0):
                 R_WT = pointing(np.array([0.0, 0.0, -1.0]), sign * (drag.along if along_way else across))

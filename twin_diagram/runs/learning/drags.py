@@ -32,6 +32,12 @@ class Tuning:
     off: float = 0.008
     """Between the fingers and a wall behind them [m]: an arm that presses yields by as much."""
 
+    level: float = 0.004
+    """Below its highest points its top counts as level [m]: twice what depth and camera are off."""
+
+    flat: float = 0.8
+    """Share of its width from which that is flat: a lying can's is half."""
+
 
 TUNING = Tuning()
 
@@ -54,9 +60,10 @@ class Drag:
 def drags_of(
     thing: SeenThing, others: Array, bin_corners: tuple[Array, Array], deep: float, behind: float
 ) -> list[Drag]:
-    """Return the ways to drag a thing off walls that it lies at, those first by which the least of it has to be moved.
+    """Return the ways to drag a thing off walls that it lies at, the best first.
 
-    What lies along a wall is dragged off that before it is dragged along it: it rolls, or is grasped there.
+    What lies along a wall is dragged off that before it is dragged along it: it rolls, or is grasped there. What has a
+    flat top and is higher than it is wide along a way would rock over its far edge, and fall back: that comes last.
 
     Args:
         thing: as a picture shows it.
@@ -66,7 +73,7 @@ def drags_of(
         behind: how far the fingers reach back from their middle, where they are thickest [m].
     """
     low, high = bin_corners
-    points, found = thing.points, list[tuple[float, Drag]]()
+    points, found = thing.points, list[tuple[bool, float, Drag]]()
     top = points[points[:, 2] > thing.top - TUNING.top * (thing.top - low[2])]
     for axis, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)):
         along = sign * np.eye(3)[axis]
@@ -84,5 +91,7 @@ def drags_of(
         at = max(float(np.median(top @ along)) - 0.5 * deep, wall + TUNING.off + behind)
         if at + 0.5 * deep > far:
             continue
-        found.append((far - near, Drag(along, at * along + middle * across + np.array([0.0, 0.0, thing.top]))))
-    return [drag for _, drag in sorted(found, key=lambda one: one[0])]
+        level = points[points[:, 2] > thing.top - TUNING.level] @ along
+        rocks = float(np.ptp(level)) > TUNING.flat * (far - near) and far - near < thing.top - float(low[2])
+        found.append((rocks, far - near, Drag(along, at * along + middle * across + np.array([0.0, 0.0, thing.top]))))
+    return [drag for *_, drag in sorted(found, key=lambda one: one[:2])]

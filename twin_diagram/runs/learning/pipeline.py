@@ -203,7 +203,8 @@ class Learner:
 
     def _drag_off(self, name: str, thing: SeenThing, picture: Picture) -> bool:
         """Drag what cannot be taken off walls that it lies at, a few times at most; whether that was tried."""
-        plan = plan_drag(self.tools, thing, picture) if self._dragged < self.tools.learning.tries else None
+        tried = self._dragged
+        plan = plan_drag(self.tools, thing, picture, tried) if tried < self.tools.learning.tries else None
         if plan is None:
             return False
         with self._stage(name, "drag off") as told:
