@@ -80,7 +80,7 @@ class Scene:
 
 
 def test_a_whole_pick_and_place_counts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, grasp, release = Scene(monkeypatch), Doing(GRASP, (0.0, 0.0, 0.0)), Doing(RELEASE, (0.0, 0.0, 0.0))
+    scene, grasp, release = Scene(monkeypatch), Doing(GRASP, ((0.0, 0.0, 0.0),)), Doing(RELEASE, ((0.0, 0.0, 0.0),))
     scene.tick((MUG, TABLE))
     scene.tick((MUG, TABLE), doing=grasp)
     scene.tick((MUG, TABLE), (FINGER, MUG), doing=grasp)
@@ -106,7 +106,7 @@ def test_a_contact_is_told_once_until_it_has_let_go(monkeypatch: pytest.MonkeyPa
 
 def test_what_is_lost_from_the_hand_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene(monkeypatch)
-    scene.tick((FINGER, MUG), doing=Doing(GRASP, (0.0, 0.0, 0.0)))
+    scene.tick((FINGER, MUG), doing=Doing(GRASP, ((0.0, 0.0, 0.0),)))
     scene.tick((FINGER, MUG))
     scene.tick()
     scene.tick((MUG, TABLE))
@@ -170,6 +170,28 @@ def test_what_is_wanted_is_what_is_grasped_not_what_has_its_origin_nearest() -> 
     for place, name in (([0.18, 0.0, 0.0], "bottle"), ([0.19, 0.1, 0.0], "ring"), ([0.19, 0.045, 0.0], "bottle")):
         assert count._nearest(station, root, np.array(place)) == int(objects[name])
     assert count._nearest(station, root, np.array([3.0, 0.0, 0.0])) == NOTHING
+
+
+def test_what_is_pushed_is_what_most_of_the_places_lie_on() -> None:
+    """Where fingers press on a box that leans on a can the can may be nearer: its pushed box counted as unasked for."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.01)
+    objects = {}
+    for name, size in (("box", (0.2, 0.1, 0.06)), ("can", (0.06, 0.06, 0.1))):
+        body = plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+        plant.RegisterCollisionGeometry(body, RigidTransform(), Box(*size), name, CoulombFriction(0.5, 0.5))
+        objects[name] = int(body.index())
+    plant.Finalize()
+    root = builder.Build().CreateDefaultContext()
+    plant.SetFreeBodyPose(plant.GetMyContextFromRoot(root), plant.GetBodyByName("can"), RigidTransform([0.15, 0, 0]))
+    count = ContactCount(lambda **what: None)
+    count._parts = CellParts(frozenset(), frozenset(), frozenset(objects.values()))
+    bodies = [plant.GetBodyByName(name) for name in objects]
+    count._body_of = {g: int(body.index()) for body in bodies for g in plant.GetCollisionGeometriesForBody(body)}
+    station: Any = SimpleNamespace(world=SimpleNamespace(plant=plant, objects=objects))
+    pressed, seen = [0.115, 0.0, 0.02], [[x, 0.0, 0.03] for x in np.linspace(-0.1, 0.1, 9)]
+    assert count._meant(station, root, np.array([pressed])) == objects["can"]
+    assert count._meant(station, root, np.array([pressed, *seen])) == objects["box"]
 
 
 def test_they_stand_among_the_events_of_a_run(tmp_path: Any) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from tests.runs.learning.test_display import Sightless
+from tests.runs.learning.test_easing import OnSupport
 from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.laying_down import lay_into, laying_of
 from twin_diagram.runs.learning.motion import Mover, cloud_cells
@@ -64,19 +63,16 @@ def test_what_stands_on_no_side_of_that_plane_is_not_laid_down() -> None:
     assert laying_of(0.04 * ball / np.linalg.norm(ball, axis=1, keepdims=True) * [1.0, 1e-6, 1.0]) is None
 
 
-class Opening(Sightless):
-    """A cell whose fingers open at once; notes where the arm was then."""
+class Opening(OnSupport):
+    """A cell in which what is set down presses back; notes where the arm was when its fingers opened."""
 
     opened: Array
 
-    @property
-    def q(self) -> Array:
-        return self.commanded
+    def __init__(self, mover: Mover, q: Array) -> None:
+        super().__init__(mover, q, 10.0)
 
-    def about(self, phase: str, place: Array) -> Any:
-        return nullcontext()
-
-    def grip(self, opened: float) -> None:
+    def grip(self, opened: float, seconds: float = 0.7, force: float | None = None) -> None:
+        super().grip(opened, seconds, force)
         self.opened = self.commanded
 
 
@@ -90,7 +86,8 @@ def test_what_would_fall_over_in_the_other_bin_is_laid_down_within_its_walls() -
     twin = load_scenario("bin_picking").twin
     assert twin.learning is not None
     low, high = (np.array(corner) for corner in twin.learning.into_bin)
-    mover, cell, points = Mover(twin, {}, np.full(7, 2.0)), Opening(np.array(twin.home)), bottle_upside_down()
+    mover, points = Mover(twin, {}, np.full(7, 2.0)), bottle_upside_down()
+    cell = Opening(mover, np.array(twin.home))
     mover.hold(cloud_cells(points, 0.01))
     put = lay_into(mover, cast(Any, cell), held_as_it_is(points), low, high, [])
     assert put is not None and put.top < low[2] + 0.09, "it lies"
@@ -110,6 +107,7 @@ def test_what_stands_is_not_laid_down() -> None:
     low, high = (np.array(corner) for corner in twin.learning.into_bin)
     box = np.random.default_rng(0).uniform([-0.03, -0.03, -0.03], [0.03, 0.03, 0.03], (4000, 3))
     box[np.arange(4000), np.arange(4000) % 3] = 0.03 * np.sign(box[np.arange(4000), np.arange(4000) % 3])
-    mover, cell = Mover(twin, {}, np.full(7, 2.0)), Opening(np.array(twin.home))
+    mover = Mover(twin, {}, np.full(7, 2.0))
+    cell = Opening(mover, np.array(twin.home))
     assert lay_into(mover, cast(Any, cell), held_as_it_is(box), low, high, []) is None
     assert len(cell.gone) == 1

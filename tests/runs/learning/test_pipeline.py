@@ -76,7 +76,8 @@ def learner(bin_: Bin, folder: Path, monkeypatch: pytest.MonkeyPatch, tries: int
     monkeypatch.setattr(handling, "keep_clear", lambda tools, standing: None)
     monkeypatch.setattr(one_object, "seek", lambda *told: Sought("nothing is seen"))
     monkeypatch.setattr("twin_diagram.runs.learning.pipeline.correct_cameras", lambda *told: [])
-    monkeypatch.setattr("twin_diagram.runs.learning.pipeline.plan_nudge", lambda *told: None)
+    for way in ("nudge", "drag"):
+        monkeypatch.setattr(f"twin_diagram.runs.learning.pipeline.plan_{way}", lambda *told: None)
     record = LearningRecord(folder, Scenario())
     hand = SimpleNamespace(opening_most=0.115)
     tools: Any = SimpleNamespace(cell=cell, learning=Learning(tries=tries), cameras={}, faces=None, gripper=hand)
@@ -367,6 +368,32 @@ def test_what_has_no_grasp_and_is_not_tipped_up_is_pushed_off_a_few_times(
     assert [one.why for one in run.state.learned] == ["too wide", "too wide"] and run.state.finished
     events = (tmp_path / "run" / "events.jsonl").read_text()
     assert events.count('"stage": "push off"') == 3 and events.count("pushed by 15 cm") == 3
+
+
+def test_what_cannot_be_taken_is_dragged_off_walls_before_it_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A can in a corner was reported, in three held-back bins."""
+    stages = list[str]()
+
+    def pick(tools: Any, one: SeenThing, *rest: Any) -> Picked:
+        stages.append("pick")
+        return Picked(one, why="no grasp")
+
+    def drag_off(tools: Any, plan: str) -> str:
+        stages.append(plan)
+        return "dragged by 6 cm"
+
+    run = learner(Bin([0.3]), tmp_path / "run", monkeypatch)
+    monkeypatch.setattr(handling, "pick", pick)
+    monkeypatch.setattr(pipeline, "plan_tipping", lambda *told: None)
+    monkeypatch.setattr(pipeline, "plan_drag", lambda *told: "drag")
+    monkeypatch.setattr(pipeline, "drag_off", drag_off)
+    run.run()
+    assert stages == 3 * ["pick", "pick", "drag"] + ["pick", "pick"]
+    assert [one.why for one in run.state.learned] == ["no grasp"] and run.state.finished
+    events = (tmp_path / "run" / "events.jsonl").read_text()
+    assert events.count('"stage": "drag off"') == 3 and events.count("dragged by 6 cm") == 3
 
 
 def test_what_is_finished_while_the_next_one_is_in_the_hand_is_kept_with_the_world_before_it(

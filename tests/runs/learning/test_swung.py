@@ -30,6 +30,7 @@ from twin_diagram.runs.learning.following import Followed
 from twin_diagram.runs.learning.motion import Mover, pointing, pose
 from twin_diagram.runs.learning.record import SWUNG
 from twin_diagram.runs.learning.shown_object import ShownObject
+from twin_diagram.runs.learning.swing_room import first_with_room
 from twin_diagram.runs.learning.swung_log import Swung, read_swung, slipped, way_slipped, write_swung
 from twin_diagram.runs.learning.weighing import Slipping, grip_on, share_of, swing
 from twin_diagram.scenario.file import load_scenario
@@ -279,6 +280,42 @@ def test_what_is_swung_stays_before_the_arm_and_off_cameras_and_the_other_bin() 
     assert ((mover.room(rows, 0.02) >= 0.0).all(axis=1) == free).all()
 
 
+def found_about(posture: Any, use: float, worst: float) -> Any:
+    """A motion that takes a share of a joint's speed, and tells an object's worst moment to another one."""
+    bound = SimpleNamespace(moments=np.array([0.01, worst, 0.02]))
+    return SimpleNamespace(
+        posture=posture, use={"velocity": use, "acceleration": 0.3, "torque": 0.4, "grip": 0.95}, bound=bound
+    )
+
+
+@pytest.mark.parametrize(
+    ("motions", "kept"),
+    [
+        ([(0.8, 0.2), (0.8, 0.1)], 0),
+        ([(0.35, 0.26), (0.7, 0.12), (0.8, 0.1)], 1),
+        ([(0.35, 0.26), None, (0.3, 0.3)], 0),
+        ([(0.35, 0.26), "slips", (0.4, 0.2)], 2),
+    ],
+    ids=["brisk at once", "about the second", "all feeble", "the best of the feeble"],
+)
+def test_a_feeble_motion_is_looked_for_about_another_posture(motions: list[Any], kept: int) -> None:
+    """A cracker box of 100017 was swung at a third of its joints' speeds: the bound of its worst moment was 26 %."""
+    here, tried = np.zeros(7), list[float]()
+    mover: Any = SimpleNamespace(goals=lambda X_WT, near: np.stack([here + 0.3 * (1 + len(tried))]))
+
+    def search(posture: Any) -> Any:
+        told = motions[len(tried)]
+        tried.append(float(posture[0]))
+        if told is None:
+            raise NotClear("no motion is clear")
+        if told == "slips":
+            raise WeighingError("no motion keeps the limit of grip")
+        return found_about(posture, *told)
+
+    assert first_with_room(mover, here, search).posture[0] == tried[kept]
+    assert len(tried) == (1 if kept == 0 and motions[0][0] > 0.5 else 2 if kept == 1 else 3)
+
+
 def test_what_has_no_room_about_one_posture_is_swung_about_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bin 100011's bottle and L were set down and shown a third time, as about the first posture nothing was clear."""
     here, there, tried = np.zeros(7), np.full(7, 0.5), list[float]()
@@ -293,7 +330,7 @@ def test_what_has_no_room_about_one_posture_is_swung_about_another(monkeypatch: 
         tried.append(float(posture[0]))
         if len(tried) < clear_at:
             raise NotClear(f"no motion about posture {len(tried)}")
-        return SimpleNamespace(posture=posture)
+        return found_about(posture, 0.8, 0.1)
 
     monkeypatch.setattr(weighing, "best_motion", motion)
     monkeypatch.setattr(weighing, "go", lambda cell, way: None)

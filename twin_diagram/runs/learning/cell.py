@@ -72,10 +72,10 @@ class Observer(Protocol):
 
 @dataclass(frozen=True)
 class Doing:
-    """What the arm is about: a phase, and where in W the tool's tip is to touch something [m]; None: nowhere."""
+    """What the arm is about: a phase, and places in W of what is to be touched [m]; none: nothing is."""
 
     phase: str = "move"
-    place: tuple[float, float, float] | None = None
+    places: tuple[tuple[float, float, float], ...] = ()
 
 
 GRASP: Final = "grasp"
@@ -293,10 +293,10 @@ class Cell:
         self.follow(times, np.array([at_time(t, way, q) for t in later]), torque=torque)
 
     @contextmanager
-    def about(self, phase: str, place: Array) -> Iterator[None]:
-        """Have the observer know what is done in the block, and where in W (3,) [m]."""
-        before, where = self.doing, np.asarray(place, dtype=float)
-        self.doing = Doing(phase, (float(where[0]), float(where[1]), float(where[2])))
+    def about(self, phase: str, places: Array) -> Iterator[None]:
+        """Have the observer know what is done in the block, and to what: a place in W (3,) of it, or several (K, 3)."""
+        before = self.doing
+        self.doing = Doing(phase, tuple((float(x), float(y), float(z)) for x, y, z in np.atleast_2d(places)))
         try:
             yield
         finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -96,8 +97,8 @@ class ContactCount:
         if self._parts is None:
             self._sort(station)
         assert self._parts is not None
-        if doing.phase == GRASP and self._phase != GRASP and doing.place is not None:
-            self._wanted, self._gripped = self._nearest(station, context, np.array(doing.place)), False
+        if doing.phase == GRASP and self._phase != GRASP and doing.places:
+            self._wanted, self._gripped = self._meant(station, context, np.array(doing.places)), False
         self._before, self._phase = self._phase, doing.phase
         now = context.get_time()
         # By shapes alone: the plant's own results take a solution for forces, which nobody asks for, of its own.
@@ -144,6 +145,14 @@ class ContactCount:
         self._names |= {index: name for name, index in objects.items()}
         every = [_index(k) for k in range(plant.num_bodies())]
         self._body_of = {g: int(k) for k in every for g in plant.GetCollisionGeometriesForBody(plant.get_body(k))}
+
+    def _meant(self, station: SimStation, context: Context, places: Array) -> int:
+        """Return the object that is nearest to most of some places (K, 3) in W.
+
+        Of what is pushed they are all over it: where fingers press on a thing that leans its neighbour may be nearer.
+        """
+        named = Counter(self._nearest(station, context, place) for place in places)
+        return named.most_common(1)[0][0]
 
     def _nearest(self, station: SimStation, context: Context, place: Array) -> int:
         """Return the object whose surface is about a place (3,) in W, or nearest: a bottle's origin may be far off."""

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.easing import release
 from twin_diagram.runs.learning.held_turns import about_pads
 from twin_diagram.runs.learning.motion import Mover, NoWay, pointing, pose
 from twin_diagram.runs.learning.picking import go
@@ -22,7 +23,6 @@ from twin_diagram.runs.learning.setting_down import (
     PutDown,
     places_in,
     pose_over,
-    release,
     resting,
     set_down,
     turned,

@@ -70,6 +70,7 @@ class Nudging:
         turn: 1 or -1: of both turns of the fingers, which are alike, the one that is reached.
         way: (W, n) joint angles to above where it begins [rad].
         down: (M, n) from there to it.
+        places: (K, 3) of the thing, all over what is seen of it [m].
     """
 
     nudge: Nudge
@@ -78,12 +79,7 @@ class Nudging:
     turn: float
     way: Array
     down: Array
-
-    @property
-    def touched(self) -> Array:
-        """(3,) where the thing is pressed [m]."""
-        one = self.nudge
-        return one.near * one.along + one.middle * one.across + np.array([0.0, 0.0, self.tip])
+    places: Array
 
 
 def tool_poses(nudge: Nudge, tip: float, gripper: Gripper, lean: float = 0.0) -> Array:
@@ -131,7 +127,7 @@ def plan_nudge(tools: Tools, thing: SeenThing, picture: Picture) -> Nudging | No
             for turn in (1.0, -1.0):
                 begun = begun_at(tools, poses * np.array([turn, turn, 1.0, 1.0]), PICKING.grazing)
                 if begun is not None:
-                    return Nudging(nudge, tip, lean, turn, *begun)
+                    return Nudging(nudge, tip, lean, turn, *begun, thing.some)
     return None
 
 
@@ -174,7 +170,7 @@ def nudge_off(tools: Tools, plan: Nudging) -> str:
     cell.grip(0.0)
     go(cell, mover.timed(plan.way))
     told = f"pushed by {100 * nudge.length:.0f} cm"
-    with cell.about(GRASP, plan.touched):
+    with cell.about(GRASP, plan.places):
         go(cell, mover.timed_line(plan.down, PICKING.slow * 2.0))
         with contextlib.suppress(NoWay):
             free, gone = pressed(tools, poses[0]), list[Array]()

@@ -16,6 +16,7 @@ from twin_diagram.runs.learning.bin_view import SeenThing, narrowest, save_pictu
 from twin_diagram.runs.learning.camera_check import correct_cameras
 from twin_diagram.runs.learning.cell import Picture
 from twin_diagram.runs.learning.choosing import SURE, Choice
+from twin_diagram.runs.learning.dragging import drag_off, plan_drag
 from twin_diagram.runs.learning.ending import end_early
 from twin_diagram.runs.learning.finishing import figures_of, finish
 from twin_diagram.runs.learning.gallery import write_gallery
@@ -69,7 +70,7 @@ class Learner:
         self.tools, self.record, self.state, self._say = tools, record, state, say
         self._jobs = ShapeJobs()
         self._begun, self._handled = time.monotonic(), 0
-        self._left, self._tipped, self._pushed = 0, 0, 0
+        self._left, self._tipped, self._pushed, self._dragged = 0, 0, 0, 0
         self._made: list[Done] = []
         self._held: OneObject | None = None
 
@@ -162,10 +163,10 @@ class Learner:
             if narrowest(thing) > self.tools.gripper.opening_most and self._tip(name, thing, picture):
                 return
         if picked.taken is None:
-            if not self._tip(name, thing, picture) and not self._push_off(name, thing, picture):
+            if not any(way(name, thing, picture) for way in (self._tip, self._push_off, self._drag_off)):
                 self._report(picture, thing, picked.why)
             return
-        self._tipped, self._pushed = 0, 0
+        self._tipped, self._pushed, self._dragged = 0, 0, 0
         self._learn(name, picked)
 
     def _better_tipped(self, thing: SeenThing, known: Choice) -> bool:
@@ -198,6 +199,17 @@ class Learner:
             told["outcome"] = nudge_off(self.tools, plan)
         self._pushed += 1
         self._tipped = 0
+        return True
+
+    def _drag_off(self, name: str, thing: SeenThing, picture: Picture) -> bool:
+        """Drag what cannot be taken off walls that it lies at, a few times at most; whether that was tried."""
+        tried = self._dragged
+        plan = plan_drag(self.tools, thing, picture, tried) if tried < self.tools.learning.tries else None
+        if plan is None:
+            return False
+        with self._stage(name, "drag off") as told:
+            told["outcome"] = drag_off(self.tools, plan)
+        self._dragged += 1
         return True
 
     def _learn(self, name: str, picked: Picked) -> None:
@@ -239,7 +251,7 @@ class Learner:
         """Note something that cannot be taken, with a picture."""
         number = 1 + sum(one.state == "reported" for one in self.state.learned)
         name, file = f"reported_{number:02d}", f"reported/{number:02d}.png"
-        self._tipped, self._pushed = 0, 0  # of what is looked at next
+        self._tipped, self._pushed, self._dragged = 0, 0, 0  # of what is looked at next
         save_picture(self.record.folder / file, picture, thing, why)
         self.state.learned.append(Learned(name, "reported", why, picture=file))
         self.state.given_up.append(thing.middle.tolist())

@@ -11,7 +11,8 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from twin_diagram.runs.learning.cell import RELEASE, Cell
+from twin_diagram.runs.learning.cell import Cell
+from twin_diagram.runs.learning.easing import release
 from twin_diagram.runs.learning.motion import TUNING as MOTION
 from twin_diagram.runs.learning.motion import Mover, NoWay, cloud_cells, pose
 from twin_diagram.runs.learning.picking import go
@@ -40,9 +41,6 @@ class Tuning:
 
     turns: int = 12
     """Turns about the vertical that are tried: every 30°."""
-
-    speed: float = 0.08
-    """Of the way down [m/s]."""
 
     retreats: tuple[float, ...] = (0.10, 0.15, 0.20, 0.06)
     """Back along the approach, or up, after the fingers are open [m]: the first that leads away from everything. After
@@ -293,18 +291,6 @@ def _over(mover: Mover, X_WT: Array, q: Array) -> Array:
         if len(goals):
             break
     return np.asarray(goals)
-
-
-def release(mover: Mover, cell: Cell, line: Array, back: Array) -> Array:
-    """Go down a line (W, n), open the fingers and go back along another; return X_WT (4, 4) when they opened."""
-    with cell.about(RELEASE, mover.tool(line[-1])[:3, 3]):
-        go(cell, mover.timed_line(line, TUNING.speed))
-        cell.wait(0.2)
-        X_WT = mover.tool(cell.q)
-        cell.grip(1.0)
-        mover.hold(None)
-        go(cell, mover.timed_line(back, 2.0 * TUNING.speed))
-    return X_WT
 
 
 def way_back(mover: Mover, q: Array) -> Array:

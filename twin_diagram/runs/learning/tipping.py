@@ -70,7 +70,7 @@ class Tipping:
 
     Attributes:
         flat: as it lies.
-        place: (3,) its middle in W [m].
+        places: (K, 3) of it in W, all over what is seen of it [m].
         turn: 1 or -1: of both turns of the fingers, which are alike, the one that is reached.
         way: (W, n) joint angles to above where the push begins [rad].
         down: (M, n) from there to it.
@@ -78,7 +78,7 @@ class Tipping:
     """
 
     flat: FlatThing
-    place: Array
+    places: Array
     turn: float
     way: Array
     down: Array
@@ -113,7 +113,7 @@ def plan_tipping(tools: Tools, thing: SeenThing, picture: Picture) -> Tipping | 
         for turn in (1.0, -1.0):
             begun = begun_at(tools, poses * np.array([turn, turn, 1.0, 1.0]))
             if begun is not None:
-                return Tipping(flat, thing.middle, turn, *begun, there, raised)
+                return Tipping(flat, thing.some, turn, *begun, there, raised)
     return None
 
 
@@ -127,7 +127,7 @@ def tip_up(tools: Tools, plan: Tipping) -> None:
     mover, cell = tools.mover, tools.cell
     cell.grip(0.0)
     go(cell, mover.timed(plan.way))
-    with cell.about(GRASP, plan.place):
+    with cell.about(GRASP, plan.places):
         go(cell, mover.timed_line(plan.down, PICKING.slow * 2.0))
         with contextlib.suppress(NoWay):
             _Push(tools, plan.flat, plan.turn).raise_side(plan.there, plan.raised)
