@@ -23,7 +23,7 @@ from twin_diagram.gap.experiments import advice as texts
 from twin_diagram.gap.experiments.trajectories import Experiment, design, visited
 from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.report import gap_json, page
-from twin_diagram.gap.report.comparison import Shown, show
+from twin_diagram.gap.report.comparison import Shown, show, told_of_held_out
 from twin_diagram.gap.report.subject import Subject, called
 from twin_diagram.gap.residuals import torque_sense
 from twin_diagram.gap.residuals.motors_off import without_brakes
@@ -197,12 +197,9 @@ def _proved(
     if found.whole is None and corrected is not given and not agrees():
         notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
         verdict, corrected, shown = nameless(verdict), given, shown.uncorrected()
-    if corrected is not given and np.any(worse := shown.worse()):
-        joints = ", ".join(joint for joint, one in zip(given.joints, worse, strict=True) if one)
-        notes.append(
-            f"on the held-out run the corrected model is further off than the given one on {joints}: it is another "
-            "robot's, or what was named holds of the fitted motion alone"
-        )
+    if verdict.verdict != "unknown":
+        verdict = replace(verdict, unexplained=shown.unexplained())
+    notes += told_of_held_out(shown, verdict.unexplained)
     if corrected is not given and not shown.is_exercised():
         notes.append(
             "the held-out run does nothing in which the two models differ, so it proves nothing: hold out a run that "
