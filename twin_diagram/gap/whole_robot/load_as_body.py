@@ -57,13 +57,11 @@ def as_a_body(whole: RobotProblem, start: Array, terms: Terms) -> Candidate | No
     found: list[tuple[Candidate, float]] = []
     for solid in (True, False):
         for _ in range(TUNING.rounds):
-            if not own[0] > 0.0:
-                return None
-            centre = own[1:4] / own[0]
+            centre = own[1:4] / own[0] if own[0] > 0.0 else np.zeros(3)
             candidate = solid_about(terms, centre, own[0]) if solid else payload_about(terms, centre)
             own = own[: candidate.size]
-            if not candidate.allows(own):
-                return None
+            if not own[0] > 0.0 or not candidate.allows(own):
+                return None if solid else found[0][0]
             beside = with_candidate(near, candidate, last)
             rest = z[: beside.place(len(beside.sums.further) - 1).start]
             fitted = solve(beside, None, np.concatenate([rest, own]))

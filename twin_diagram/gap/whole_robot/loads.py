@@ -43,9 +43,10 @@ class Tuning:
     two thirds and one third of how far it may be."""
 
     zeros: float = 0.05
-    """Share of the largest torque that a joint logs by which its offset may be while a payload is weighed, one standard
-    deviation: what a sensor's zero, a cable or a hose do. One that may be anything holds all that a load weighs on a
-    gantry's or a SCARA's upright axis."""
+    """Share of the largest force that a joint which slides logs by which its offset may be while a payload is weighed,
+    one standard deviation: what a sensor's zero, a cable or a hose do. One that may be anything holds all that a load
+    weighs on a gantry's or a SCARA's upright axis. Where joints turn, a load differs with the pose; a counterbalance's
+    level there is far more (5.3 instead of 1.1 N·m of a KR300's second joint were left)."""
 
     nearer: float = 1.0
     """Rise of the evidence that a centre which is found by a loose last link must bring [nats]."""
