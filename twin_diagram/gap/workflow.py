@@ -29,6 +29,7 @@ from twin_diagram.gap.residuals import torque_sense
 from twin_diagram.gap.residuals.motors_off import without_brakes
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import moves, usable
+from twin_diagram.gap.residuals.torque_rails import told_of_rails
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.gap.whole_robot.contacts import placed
@@ -342,6 +343,7 @@ def _stretches(
         shortest: that a stretch must have left after its ends are cut [s].
         more: what is done with them.
     """
+    warnings += told_of_rails(log)
     log = _driven(given, log, warnings)
     parts = parted(dejittered(log), shortest + 2.0 * DIFFERENTIATION.residual_cut)
     if len(parts) > 1 or len(parts[0]) < len(log):
