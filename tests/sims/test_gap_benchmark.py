@@ -593,6 +593,8 @@ def test_table() -> None:
     assert found["name + joint exactly right, separation ≥ 8"].met
     assert found["false names on clean logs"].met
     assert found["pairs exactly right, both ≥ 8"].met is None
+    rested = {row.figure: row for row in table.rows([record("resting", k, exact=k > 0) for k in range(10)])}
+    assert rested["arms that pick and rest (suite `resting`) exactly right, ≥ 8"].value == "9/10 = 90.0 %"
     late = [
         record("onset", k, distance=d) | {"onset_errors": [e]} for k, (d, e) in enumerate([(5.0, 0.4), (50.0, -0.02)])
     ]

@@ -169,6 +169,7 @@ class Verdict:
         remainder_statistic: of the test for structure that is left.
         recorded: (n,) residual torque that the given model, corrected before, is known to leave, to which what is left
             now comes again [N·m]; None: nothing is known of it.
+        unexplained: joints on which the held-out run is left unexplained, though the fitted ones are not.
     """
 
     verdict: Literal["named", "none", "unknown"]
@@ -181,3 +182,4 @@ class Verdict:
     remainder_statistic: float = 0.0
     seconds: dict[str, float] = field(default_factory=dict)
     recorded: Array | None = None
+    unexplained: tuple[str, ...] = ()

@@ -23,12 +23,13 @@ from twin_diagram.gap.experiments import advice as texts
 from twin_diagram.gap.experiments.trajectories import Experiment, design, visited
 from twin_diagram.gap.findings import Verdict
 from twin_diagram.gap.report import gap_json, page
-from twin_diagram.gap.report.comparison import Shown, show
+from twin_diagram.gap.report.comparison import Shown, show, told_of_held_out
 from twin_diagram.gap.report.subject import Subject, called
 from twin_diagram.gap.residuals import torque_sense
 from twin_diagram.gap.residuals.motors_off import without_brakes
 from twin_diagram.gap.residuals.prepared_logs import TUNING as PREPARED_LOGS
 from twin_diagram.gap.residuals.prepared_logs import moves, usable
+from twin_diagram.gap.residuals.torque_rails import told_of_rails
 from twin_diagram.gap.verdict.deciding import TUNING as DECIDING
 from twin_diagram.gap.verdict.probabilities import less_sure
 from twin_diagram.gap.whole_robot.contacts import placed
@@ -197,12 +198,9 @@ def _proved(
     if found.whole is None and corrected is not given and not agrees():
         notes.append("what was named did not shrink the gap on the held-out run on all joints, and was dropped")
         verdict, corrected, shown = nameless(verdict), given, shown.uncorrected()
-    if corrected is not given and np.any(worse := shown.worse()):
-        joints = ", ".join(joint for joint, one in zip(given.joints, worse, strict=True) if one)
-        notes.append(
-            f"on the held-out run the corrected model is further off than the given one on {joints}: it is another "
-            "robot's, or what was named holds of the fitted motion alone"
-        )
+    if verdict.verdict != "unknown":
+        verdict = replace(verdict, unexplained=shown.unexplained())
+    notes += told_of_held_out(shown, verdict.unexplained)
     if corrected is not given and not shown.is_exercised():
         notes.append(
             "the held-out run does nothing in which the two models differ, so it proves nothing: hold out a run that "
@@ -345,6 +343,7 @@ def _stretches(
         shortest: that a stretch must have left after its ends are cut [s].
         more: what is done with them.
     """
+    warnings += told_of_rails(log)
     log = _driven(given, log, warnings)
     parts = parted(dejittered(log), shortest + 2.0 * DIFFERENTIATION.residual_cut)
     if len(parts) > 1 or len(parts[0]) < len(log):

@@ -147,6 +147,12 @@ def rows(records: list[Record]) -> list[Row]:
         ),
         share("pairs exactly right, both ≥ 8", (r["exact"] for r in pairs), "≥ 90 %", lambda x: x >= 0.9),
         share("triples exactly right, all ≥ 8", (r["exact"] for r in triples), "printed", None),
+        share(
+            "arms that pick and rest (suite `resting`) exactly right, ≥ 8",
+            (r["exact"] for r in ran if r["kind"] == "resting" and r["separation"] >= 8.0),
+            "≥ 95 %",
+            lambda x: x >= 0.95,
+        ),
         quantiles("onset error, median / p95", (abs(e) for e in onsets if e is not None), "ms", 1e3, (50.0, 200.0)),
         quantiles(f"… of effects of strength ≥ {PLAIN:g}", (abs(e) for e in plain if e is not None), "ms", 1e3, ()),
         quantiles(

@@ -23,7 +23,7 @@ from twin_diagram.gap.experiments import advice, trajectories
 from twin_diagram.gap.findings import Alternative, Estimate, Finding, Moment, Separation, Verdict
 from twin_diagram.gap.report import charts, gap_json, numbers, words
 from twin_diagram.gap.report import page as report
-from twin_diagram.gap.report.comparison import Shown, above_noise, compare, show
+from twin_diagram.gap.report.comparison import Shown, above_noise, compare, show, told_of_held_out
 from twin_diagram.gap.report.pictures import binned, picture
 from twin_diagram.gap.report.subject import Subject
 from twin_diagram.gap.workflow import accepted
@@ -198,6 +198,21 @@ def test_a_gap_that_a_corrected_model_makes_counts(shown: Shown) -> None:
     before, after = (above_noise(x, NOISE) for x in worse.holdout_rms())
     assert shown.left_over() < 0.05
     assert worse.left_over() == pytest.approx(np.linalg.norm(after) / np.linalg.norm(before), rel=1e-6)
+
+
+def test_a_held_out_run_that_is_another_robots_is_told(shown: Shown) -> None:
+    """As where a load was put down between the runs: the line that people read does not say that little is left."""
+    assert shown.unexplained() == () and told_of_held_out(shown, ()) == []
+    other = np.array(shown.holdout.before)
+    other[:, 1] += 200.0 * NOISE * np.sign(np.sin(shown.holdout.time))
+    held = replace(shown, holdout=replace(shown.holdout, before=other, after=other))
+    joint = shown.joints[1]
+    assert joint in held.unexplained() and joint in told_of_held_out(held, held.unexplained())[0]
+    plain = bench.verdict("none", [])
+    assert "The model explains these runs" in words.headline(plain)
+    assert f"not the held-out one, on {joint}" in words.headline(replace(plain, unexplained=(joint,)))
+    found = bench.verdict("named", [bench.friction_finding()])
+    assert f"The held-out run is not explained on {joint}." in words.headline(replace(found, unexplained=(joint,)))
 
 
 @pytest.mark.long

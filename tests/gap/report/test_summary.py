@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from twin_diagram.gap.findings import Estimate, Finding, Verdict
@@ -31,6 +33,11 @@ def test_nothing_is_said_to_be_little_where_something_is_left() -> None:
     links = Finding("inertial_parameters", (), ("l1", "l2"), {"mass": {}}, 0.9)
     said = headline(verdict(FRICTION, on("coulomb_friction", "torque", JOINTS[:2]), ROTORS, links, remainder=True))
     assert said == "friction and rotors on all joints; inertia on 2 links; structure left that has no name"
+
+
+def test_nothing_is_said_to_be_little_where_the_held_out_run_is_not_explained() -> None:
+    said = headline(replace(verdict(FRICTION, ROTORS, PAYLOAD), unexplained=("b", "c")))
+    assert said.endswith("friction and rotors on all joints; the held-out run is not explained on 2 joints")
 
 
 def test_a_guess_has_no_place_in_it() -> None:

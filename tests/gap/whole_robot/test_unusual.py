@@ -123,6 +123,18 @@ def test_a_tilt_takes_the_place_of_nothing_and_nothing_is_found_of_nothing() -> 
     assert loaded(plain, solve(plain)) is None
 
 
+def test_a_belt_that_couples_two_wrist_joints_is_found_beside_everything_usual() -> None:
+    """A search for few names alone knew of it: beside links that are off, a payload stood in for the rest."""
+    wrist = ["wrist_2_joint", "wrist_3_joint"]
+    start = problem(effect("coupled_friction", joints=wrist, damping=0.8, torque=2.0))
+    found = unusual(start, solve(start), ARM, ("coupled_friction",))
+    (belt,) = found.sums.further
+    assert "coupled_friction" in whole_unusual.BEYOND and belt.joints == (4, 5)
+    np.testing.assert_allclose(solve(found)[found.place(0)], [0.8, 2.0], atol=0.05)
+    plain = problem(effect("coulomb_friction", joints=wrist, torque=[1.0, 1.0]))
+    assert not unusual(plain, solve(plain), ARM, ("coupled_friction",)).sums.further
+
+
 SPRING = effect("joint_spring", joints=["elbow_joint"], stiffness=[6.0], rest_angle=[0.5])
 
 

@@ -28,6 +28,13 @@ class Tuning:
     beyond: float = 1.25
     """A residual that is less than this many times the noise is no gap: noise itself differs from run to run."""
 
+    apart: float = 5.0
+    """Times what is left of the fitted runs from which on what is left of another run is no matter of its motion. Of
+    real arms' short logs, friction's rough laws leave up to 2.8 times as much of other motion."""
+
+    unexplained: float = 0.5
+    """Share of a held-out residual that must be left, too, where a run is said not to be explained."""
+
     horizon: float = 0.2
     """Length of a rollout [s]."""
 
@@ -143,10 +150,47 @@ class Shown:
         before, after = self.holdout_rms()
         return np.asarray(after > TUNING.beyond * np.maximum(before, TUNING.beyond * self.noise_floor))
 
+    def unexplained(self) -> tuple[str, ...]:
+        """Return the joints whose held-out residual is left where the fitted runs' own is not.
+
+        Something differs between the runs then, as where a load was taken up or put down.
+        """
+        fitted, (before, after) = self.fit_rms()[1], self.holdout_rms()
+        much = after > TUNING.apart * np.maximum(fitted, TUNING.beyond * self.noise_floor)
+        return self._some(much & (after > TUNING.unexplained * before))
+
+    def further_off(self) -> tuple[str, ...]:
+        """Return the joints whose held-out residual rises clearly."""
+        return self._some(self.worse())
+
+    def _some(self, which: npt.NDArray[np.bool_]) -> tuple[str, ...]:
+        return tuple(joint for joint, one in zip(self.joints, which, strict=True) if one)
+
     def is_exercised(self) -> bool:
         """Return whether the held-out run does anything that tells the two models apart, beside its noise."""
         change = rms([self.holdout.after - self.holdout.before])
         return bool(np.any(change > TUNING.exercised * self.noise_floor))
+
+
+def told_of_held_out(shown: Shown, unexplained: Sequence[str]) -> list[str]:
+    """Return what is said where the held-out run is no other motion of the same robot, as it seems.
+
+    Args:
+        shown: the gap.
+        unexplained: joints on which that run is left unexplained.
+    """
+    if unexplained:
+        return [
+            f"on the held-out run most of the residual is left on {', '.join(unexplained)}, though the fitted runs are "
+            "explained: something differs there (a load that was taken up or put down, another tool), or the fitted "
+            "motion tells too little; fit that run, too, to find out"
+        ]
+    if joints := shown.further_off():
+        return [
+            f"on the held-out run the corrected model is further off than the given one on {', '.join(joints)}: it is "
+            "another robot's, or what was named holds of the fitted motion alone"
+        ]
+    return []
 
 
 def show(

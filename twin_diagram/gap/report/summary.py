@@ -54,7 +54,10 @@ def summary(verdict: Verdict) -> str:
     if len(sure) < len(verdict.findings):
         parts.append("something more that can be guessed at only")
     little = "little left" if verdict.recorded is None else "no more left than when the model was corrected"
-    parts.append("structure left that has no name" if verdict.remainder else little)
+    if verdict.unexplained:
+        parts.append(f"the held-out run is not explained {_on(set(verdict.unexplained), 'joint', count)}")
+    if verdict.remainder or not verdict.unexplained:
+        parts.append("structure left that has no name" if verdict.remainder else little)
     return "; ".join(parts)
 
 

@@ -70,6 +70,9 @@ def claim(name: str, joints: Sequence[str], links: Sequence[str]) -> str:
 
 def headline(verdict: Verdict) -> str:
     """Return the verdict in one sentence."""
+    if verdict.verdict == "none" and verdict.unexplained:
+        joints = listed(verdict.unexplained)
+        return f"The model explains the fitted runs, but not the held-out one, on {joints}: something differs there."
     if verdict.verdict == "none" and verdict.recorded is not None:
         return "Nothing new is missing: these runs leave no more than was left when this model was corrected."
     if verdict.verdict == "none":
@@ -91,6 +94,8 @@ def headline(verdict: Verdict) -> str:
         text = f"{text} {more} missing that these runs allow to guess at only.".strip()
     if verdict.remainder:
         text += " Something more is there that no effect of the catalogue explains."
+    if verdict.unexplained:
+        text += f" The held-out run is not explained on {listed(verdict.unexplained)}."
     return text
 
 

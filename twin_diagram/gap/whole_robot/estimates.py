@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin_diagram.gap.candidates.payload import carried_always
+from twin_diagram.gap.candidates.payload import ALIKE, SOLID, carried_always
 from twin_diagram.gap.candidates.records import record_of
 from twin_diagram.gap.correction.physical_coordinates import from_log_cholesky
 from twin_diagram.gap.findings import Estimate, Finding, Moment
@@ -154,7 +154,8 @@ def findings(
         model: the given one.
         sure: confidence per name.
     """
-    result = [_of_links(problem, z, spread, sure)] if np.any(problem.links_free) else []
+    solid = [k for k, candidate in enumerate(problem.sums.further) if candidate.variant == SOLID]
+    result = [_of_links(problem, z, spread, sure)] if np.any(problem.links_free) or solid else []
     for k, term in enumerate(OWN):
         name, key = NAMES[term]
         chosen = [j for j in range(problem.n) if problem.said[j, k] and name_of(problem, j, k) == name]
@@ -291,10 +292,23 @@ def _of_links(problem: RobotProblem, z: Array, spread: Array, sure: dict[str, fl
         error = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", J, spread[s, s], J), 0.0))
         for key, part in (("mass", slice(0, 1)), ("com", slice(1, 4)), ("inertia", slice(4, 10))):
             parameters[key][problem.links.names[k]] = _estimate(value[part], error[part], unit_of(name, key))
-    names = tuple(problem.links.names[k] for k in links)
+    names, confidence = [problem.links.names[k] for k in links], sure.get(name, 1.0)
+    for k, load in enumerate(problem.sums.further):
+        if load.variant != SOLID:
+            continue
+        # A payload's own moment of inertia is its link's, as an effect it is a point.
+        given, place = problem.sums.records.model, problem.place(k).stop - 1
+        link = problem.links.names[given.bodies.body_of(given.last_link)[0]]  # a tool's frame may have no mass
+        names.append(link)
+        confidence = min(confidence, sure[load.name])
+        own = ((np.zeros(1), "mass"), (np.zeros(3), "com"), (ALIKE, "inertia"))
+        for weights, key in own:
+            error = np.sqrt(max(float(spread[place, place]), 0.0)) * weights
+            parameters[key][link] = _estimate(z[place] * weights, error, unit_of(name, key))
     if len(names) == 1:
-        return Finding(name, (), names, {key: values[names[0]] for key, values in parameters.items()}, sure[name])
-    return Finding(name, (), names, dict(parameters), sure[name])
+        alone = {key: values[names[0]] for key, values in parameters.items()}
+        return Finding(name, (), tuple(names), dict(alone), confidence)
+    return Finding(name, (), tuple(names), dict(parameters), confidence)
 
 
 def _stated(z: Array) -> Array:

@@ -81,6 +81,8 @@ class RobotProblem:
         held: (Z,) coordinates at which what acts for a while is held; None: it is fitted like all else.
         rubs: dry friction that an arm's drives have, one like another, to within itself, see `beside_dry`; 0: nothing
             is known of it.
+        zeros: share of the largest force that a joint which slides logs by which its offset may be, one standard
+            deviation: what a load weighs there would be one, else.
 
     Coordinates are Z = 14 n + E numbers: links' ten each, joints' own four each, the sums' further coefficients.
     """
@@ -100,6 +102,7 @@ class RobotProblem:
     rotors: float = np.inf
     held: Array | None = None
     rubs: float = 0.0
+    zeros: float = np.inf
 
     @property
     def n(self) -> int:
@@ -169,6 +172,8 @@ class RobotProblem:
         elif np.isfinite(self.rotors):
             stated = np.where(self.stated[:, rotor], -self.rotors * self.least[:, rotor], np.inf)
             own[:, rotor] = np.minimum(own[:, rotor], stated)
+        rails = [joint in self.sums.records.model.prismatic for joint in self.sums.records.model.joints]
+        own[rails, bias] = np.minimum(own[rails, bias], self.zeros * self.sums.largest[rails])
         dry = OWN.index("coulomb")
         own[:, dry] = np.where(self._rubbing, np.minimum(own[:, dry], self.rubs), own[:, dry])
         return np.maximum(own, 1e-9)

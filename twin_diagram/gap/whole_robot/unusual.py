@@ -33,7 +33,7 @@ from twin_diagram.gap.whole_robot.torque_equations import OWN, TorqueEquations
 from twin_diagram.gap.whole_robot.transmitted_torque import transmitted
 from twin_diagram.model.effects.actuation import TorqueBias, TorqueConstant
 from twin_diagram.model.effects.environment import ExternalForce, GravityTilt
-from twin_diagram.model.effects.friction_stribeck_load import LoadDependentFriction
+from twin_diagram.model.effects.friction_stribeck_load import CoupledFriction, LoadDependentFriction
 from twin_diagram.model.effects.sensing import EncoderOffset
 from twin_diagram.model.effects.transmission import JointSpring
 from twin_diagram.model.model import Model
@@ -44,6 +44,7 @@ BEYOND = (
     JointSpring.name,
     TorqueConstant.name,
     LoadDependentFriction.name,
+    CoupledFriction.name,
     EncoderOffset.name,
     ExternalForce.name,
 )
