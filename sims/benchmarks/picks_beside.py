@@ -26,7 +26,7 @@ from twin_diagram.runs.drawn_picks import draw_picks  # noqa: E402
 from twin_diagram.scenario import Pose, Scenario  # noqa: E402
 from twin_diagram.scenario.resources import resolve  # noqa: E402
 
-GAP = (0.03, 0.06)
+GAP = (0.02, 0.05)
 """Between the circles about both [m]: where a finger or the flat of the hand finds room, but not both whichever way."""
 
 
