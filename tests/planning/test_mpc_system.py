@@ -26,7 +26,7 @@ from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc_system import PAYLOAD, Mpc, _offset
 from twin_diagram.planning.paths import inverse_kinematics
-from twin_diagram.planning.paths.route import Aim, Route
+from twin_diagram.planning.paths.situation import Aim, Route
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.hand import Hand
 from twin_diagram.signals.layouts import NEVER, TRACK_SIZE, ObjectStatus, Track

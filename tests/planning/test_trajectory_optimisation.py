@@ -18,7 +18,8 @@ from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.trajectory import Trajectory
 from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser, OptimiserTuning
 from twin_diagram.planning.paths import rrt_connect
-from twin_diagram.planning.paths.route import Aim, Route, Router, Situation
+from twin_diagram.planning.paths.route import Router
+from twin_diagram.planning.paths.situation import Aim, Route, Situation
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ObjectStatus, Track

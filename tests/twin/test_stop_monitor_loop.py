@@ -103,7 +103,9 @@ def test_without_the_monitor_the_hand_hits_the_table_and_with_it_not() -> None:
     }
 
 
-@pytest.mark.parametrize(("kind", "cause"), [("nan", "not_a_number"), ("freezes", "hanging_planner")])
+@pytest.mark.parametrize(
+    ("kind", "cause"), [("nan", "not_a_number"), pytest.param("freezes", "hanging_planner", marks=pytest.mark.long)]
+)
 def test_a_planner_that_fails_leaves_the_arm_at_rest(kind: str, cause: str) -> None:
     failed = ran(kind, 0.3, 0.9)
     assert failed.events[0]["cause"] == cause

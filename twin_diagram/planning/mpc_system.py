@@ -143,7 +143,7 @@ class Mpc(ModelUser[Model]):
         limits = limits_of(model, scene, model.velocity_limit, twin.planner)
         self.planner: Final = MotionPlanner(scene, model.velocity_limit, twin.planner, solver, pieces, limits=limits)
         warm_up(self.planner)
-        self._radii: Final = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
+        self._sizes = np.array([asset.size for asset in library.values()]).reshape(-1, 3)
 
         self._n, self._knots, self._step = len(model.joints), twin.planner.knots, twin.planner.step
         self._begin_with(model)
@@ -193,6 +193,7 @@ class Mpc(ModelUser[Model]):
     def add_asset(self, asset: Asset) -> None:
         """Take in the shape of an asset that came later; `further_tracks` tell of it by its number."""
         self.planner.scene.added.append(packed(asset))
+        self._sizes = np.vstack([self._sizes, asset.size])
 
     def memory(self, context: Context) -> Memory:
         """Return a copy of what the planner remembers."""
@@ -293,7 +294,9 @@ class Mpc(ModelUser[Model]):
     def _onward(self, context: Context) -> Onward:
         """Return where the arm goes after its goal."""
         goal, then, pause = (_given(port, context) for port in (self._next_in, self._then_in, self._pause_in))
-        held = b"" if then is None or Hand.unpack(then).held == NOTHING else then.tobytes()
+        hand = Hand() if then is None else Hand.unpack(then)
+        # What is held is one thing to the planner, whenever the fingers came to it.
+        held = b"" if hand.held == NOTHING else replace(hand, since=0.0).pack().tobytes()
         rests = 0.0 if pause is None else float(pause[0])
         return Onward(NOWHERE.goal if goal is None else goal, held, rests)
 
@@ -308,11 +311,11 @@ class Mpc(ModelUser[Model]):
             if np.isfinite(arm).all():
                 chain = planner.scene.chain
                 X_WT = chain.tool(chain.place(arm[None, : self._n]))[0]
-                tracks, further, things = obstacles_beside(hand, X_WT, self._radii, tracks, further, things)
+                tracks, further, things = obstacles_beside(hand, X_WT, self._sizes, tracks, further, things)
                 if hand.around:
                     tracks, further, things = at_rest(X_WT[:3, 3], tracks, further, things)
             if hand.held != NOTHING:
-                planner = planner.holding(replace(hand, touched=NOTHING).pack().tobytes())
+                planner = planner.holding(replace(hand, touched=NOTHING, since=0.0).pack().tobytes())
         return planner, arm, tracks, further, things
 
     def _latch(self, context: Context, discrete: DiscreteValues) -> EventStatus:

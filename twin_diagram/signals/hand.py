@@ -12,7 +12,7 @@ from twin_diagram.signals.layouts import POSE_SIZE
 
 NOTHING: Final = -1
 """In the place of an object's number in the library."""
-HAND_SIZE: Final = 3 + POSE_SIZE + 36 + 2
+HAND_SIZE: Final = 3 + POSE_SIZE + 36 + 3
 """A packed `Hand`."""
 
 
@@ -31,6 +31,8 @@ class Hand:
             would throw it. Whatever moves is the stop monitor's alone.
         support: which of the library's objects bears what is held, or is to bear it, or `NOTHING`: while `on_support`
             that may be touched as well.
+        since: since when the fingers have been about it [s]: what was seen before that beside it is no part of it. 0:
+            nobody knows.
     """
 
     held: int = NOTHING
@@ -40,17 +42,19 @@ class Hand:
     covariance: Array = field(default_factory=lambda: np.zeros((6, 6)))
     around: bool = False
     support: int = NOTHING
+    since: float = 0.0
 
     def pack(self) -> Array:
         """Return it as a vector of `HAND_SIZE`."""
         numbers = [float(self.held), float(self.touched), float(self.on_support)]
-        return np.concatenate([numbers, self.X_TO, self.covariance.ravel(), [float(self.around), float(self.support)]])
+        more = [float(self.around), float(self.support), self.since]
+        return np.concatenate([numbers, self.X_TO, self.covariance.ravel(), more])
 
     @staticmethod
     def unpack(vector: Array) -> Hand:
         """Return the inverse of `pack`; copies. What is not finite is an empty hand."""
         if not np.isfinite(vector).all():
             return Hand()
-        X_TO, covariance = vector[3 : 3 + POSE_SIZE].copy(), vector[3 + POSE_SIZE : -2].reshape(6, 6).copy()
-        told = bool(vector[2] > 0.5), X_TO, covariance, bool(vector[-2] > 0.5)
-        return Hand(int(vector[0]), int(vector[1]), *told, int(vector[-1]))
+        X_TO, covariance = vector[3 : 3 + POSE_SIZE].copy(), vector[3 + POSE_SIZE : -3].reshape(6, 6).copy()
+        told = bool(vector[2] > 0.5), X_TO, covariance, bool(vector[-3] > 0.5)
+        return Hand(int(vector[0]), int(vector[1]), *told, int(vector[-2]), float(vector[-1]))

@@ -77,7 +77,8 @@ def connect_task(
     if runner is None:
         return
     builder.Connect(ekf.GetOutputPort("arm_state"), runner.GetInputPort("arm_state"))
-    builder.Connect(updater.GetOutputPort("tracks"), runner.GetInputPort("tracks"))
+    for name in ("tracks", "further_tracks"):
+        builder.Connect(updater.GetOutputPort(name), runner.GetInputPort(name))
     builder.Connect(runner.GetOutputPort("hand"), updater.GetInputPort("hand"))
     for name in inputs_of(controller, ("hand", "next_goal", "next_hand", "next_pause")):
         builder.Connect(runner.GetOutputPort(name), controller.GetInputPort(name))

@@ -22,11 +22,14 @@ from twin_diagram.perception.segmentation.segments import Segments
 from twin_diagram.perception.several_views.pose_system import SeveralCamerasEstimator
 from twin_diagram.planning.braking.stop_monitor import StopMonitor
 from twin_diagram.planning.mpc_system import Mpc
+from twin_diagram.planning.tasks.task_system import TaskRunner
 from twin_diagram.scene.object_events import Names
 from twin_diagram.scene.twin_scene import TwinScene
 
 Sight = IcpPoseEstimator | SeveralCamerasEstimator
 """What finds objects, through one camera or several."""
+Mover = Mpc | StopMonitor | TaskRunner
+"""What must know of them where it moves the arm."""
 
 
 class AddedAssets:
@@ -36,7 +39,9 @@ class AddedAssets:
         assets: by name, in the order of their numbers.
     """
 
-    def __init__(self, scene: TwinScene, sight: Sight | None, movers: Sequence[Mpc | StopMonitor | None]) -> None:
+    def __init__(
+        self, scene: TwinScene, sight: Sight | None, movers: Sequence[Mpc | StopMonitor | TaskRunner | None]
+    ) -> None:
         """Begin with none.
 
         Args:

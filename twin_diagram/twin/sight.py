@@ -148,6 +148,6 @@ def _tell_of_sight(
                 connect_ports(builder, last, system, *inputs_of(system, (name,)))
             builder.ExportOutput(last.GetOutputPort(name), name)
     if last.HasOutputPort("things"):  # where they are by now
-        for user in (moves, *([] if monitor is None else [monitor])):
+        for user in (moves, *filter(None, (monitor, runner))):
             connect_ports(builder, updater, user, *inputs_of(user, ("things",)))
     return last

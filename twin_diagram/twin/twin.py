@@ -281,7 +281,7 @@ def make_twin(
     builder.ExportOutput(scene.query_output, "query_object")
     mass_index = parameter_names.index(MASS) if MASS in parameter_names else None
     known = model, measured_model, library, scene, parameter_names, mass_index, tuple(fused)
-    added = AddedAssets(scene, sight, (mpc, monitor))
+    added = AddedAssets(scene, sight, (mpc, monitor, runner))
     diagram = _built(builder)
     door = None if offset is None else Door(diagram, offset)
     return TwinDiagram(diagram, *known, ekf, drift, mpc, health, runner, monitor, preview, added, door)

@@ -16,7 +16,7 @@ from twin_diagram.planning.collision.held_shape import obstacles_beside
 from twin_diagram.planning.grasps.gripper import SHIPPED
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.paths.guide import Question
-from twin_diagram.planning.paths.route import Aim, Route
+from twin_diagram.planning.paths.situation import Aim, Route
 from twin_diagram.planning.paths.time_optimal import SpeedProfile
 from twin_diagram.planning.tasks.step_state import SENTENCES, Phase, Step, TaskOutcome, TaskState, Why, steps_of
 from twin_diagram.planning.tasks.step_view import StepView, Takeable

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +34,9 @@ TIGHT_CENTRE = np.array([(0.06 * 144 + 0.015 * 108) / 252, (0.015 * 144 + 0.075 
 TIGHT = [box(np.zeros(3), np.array(edges)) for edges in ARMS]
 
 
-@pytest.fixture
-def library(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    tmp_path = tmp_path_factory.mktemp("angle")
     outline = [(0, 0), (0.12, 0), (0.12, 0.03), (0.03, 0.03), (0.03, 0.12), (0, 0.12)]
     triangles = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
     flat, n = np.array(outline), len(outline)
@@ -44,6 +46,12 @@ def library(tmp_path: Path) -> Path:
     trimesh.Trimesh(vertices, caps + sides, process=False).export(tmp_path / "angle.obj")
     build_from_mesh(tmp_path / "angle.obj", "angle", tmp_path / "library", mass=0.3)
     return tmp_path / "library"
+
+
+@pytest.fixture
+def library(built: Path, tmp_path: Path) -> Path:
+    """A copy to change."""
+    return Path(shutil.copytree(built, tmp_path / "library"))
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -110,6 +110,7 @@ def test_confidences_that_overflow_in_half_precision_are_sure(taken: Shots, tmp_
         read_predictions(file)
 
 
+@pytest.mark.long
 def test_rims_that_a_network_is_unsure_of_end_where_others_look_past(taken: Shots, tmp_path: Path) -> None:
     file = written(taken, tmp_path / "p.npz")
     with np.load(file) as data:

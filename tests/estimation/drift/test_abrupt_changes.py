@@ -112,7 +112,7 @@ def test_blame_finds_the_group():
 @pytest.mark.parametrize(
     ("changes", "within"),
     [
-        ({"dead_joint": 1, "dead_at": AT}, 0.020),
+        pytest.param({"dead_joint": 1, "dead_at": AT}, 0.020, marks=pytest.mark.long),
         pytest.param({"dead_joint": 3, "dead_at": AT}, 0.020, marks=pytest.mark.slow),
         pytest.param({"dead_joint": 1, "dead_at": AT, "motor_left": 0.8}, 0.060, marks=pytest.mark.slow),
         pytest.param({"dead_joint": 3, "dead_at": AT, "motor_left": 0.8}, 0.060, marks=pytest.mark.long),

@@ -92,7 +92,7 @@ def test_no_false_alarm_over_many_runs():
     [
         pytest.param({"added_mass": 1.0, "added_at": 5.0}, 0.10, marks=pytest.mark.slow),
         pytest.param({"dead_joint": 1, "dead_at": 5.0}, 0.03, marks=pytest.mark.slow),
-        ({"dead_joint": 3, "dead_at": 5.0, "motor_left": 0.8}, 0.06),
+        pytest.param({"dead_joint": 3, "dead_at": 5.0, "motor_left": 0.8}, 0.06, marks=pytest.mark.long),
     ],
 )
 def test_notices_abrupt_changes(changes, within):

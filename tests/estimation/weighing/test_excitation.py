@@ -126,6 +126,7 @@ def test_it_rests_at_both_ends_and_outside(excitation: Excitation) -> None:
     np.testing.assert_allclose(a, 0.0, atol=1e-8)
 
 
+@pytest.mark.long
 def test_a_weaker_grip_moves_it_less(iiwa: Model, X_TO: RigidTransform, box: Shape) -> None:
     heavy = box.even(1.5)
     held = Held.in_tool(iiwa, X_TO)
@@ -220,6 +221,7 @@ def test_the_slope_of_what_is_missing_of_room(carried: CarriedMotion, iiwa: Mode
         assert slope[k] == pytest.approx(numeric, rel=2e-3, abs=1e-3), k
 
 
+@pytest.mark.long
 def test_where_room_is_told_only_what_comes_near_is_narrowed(iiwa: Model, X_TO: RigidTransform, box: Shape) -> None:
     """Two joints of the arm are barred; where nobody told by how much, all were narrowed, the wrist's too."""
 

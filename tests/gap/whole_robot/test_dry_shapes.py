@@ -97,6 +97,7 @@ def test_friction_that_falls_with_speed_has_its_own_name_and_what_rises_is_coulo
     assert told.joints == ARM.joints and set(told.parameters) == keys
 
 
+@pytest.mark.long
 def test_friction_that_rises_on_one_joint_is_found_beside_others_that_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tried on all joints at once, links stand in for what is wrong on the others."""
     rising = effect("stribeck_friction", joints=[ARM.joints[WRIST]], coulomb=0.3, static=0.0, stribeck_velocity=0.12)

@@ -68,6 +68,7 @@ def test_what_a_pushs_ramps_leave_hides_no_friction(monkeypatch: pytest.MonkeyPa
     assert any(joint not in plain or plain[joint][1] > 3.0 * told[joint][1] for joint in told)
 
 
+@pytest.mark.long
 def test_what_brings_no_joint_a_tenth_of_its_friction_is_no_push(monkeypatch: pytest.MonkeyPatch) -> None:
     """Friction changes by as much as joints warm: 9 mN·m beside 160 for two seconds had a name."""
     true = ARM.with_effects([everywhere("viscous_friction", damping=2.0), everywhere("coulomb_friction", torque=40.0)])

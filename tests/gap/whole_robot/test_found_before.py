@@ -129,6 +129,7 @@ def test_offsets_and_rotors_are_drawn_to_what_was_found_and_friction_is_not() ->
         np.testing.assert_allclose(near[:, OWN.index(term)], wide[:, OWN.index(term)])
 
 
+@pytest.mark.long
 def test_a_heavier_last_link_with_offsets_is_a_payload_where_that_says_less() -> None:
     records = with_load()
     whole = replace(begun(records, equations(records)), known=True, told=prior(10 * N), spread=0.005, spreads=(0.005,))

@@ -91,6 +91,7 @@ def test_what_is_no_load_has_no_spans() -> None:
     assert [c.name for c in unusual(whole, start, ARM).sums.further] == ["external_force"]
 
 
+@pytest.mark.long
 def test_a_load_that_is_picked_twice_is_one_payload_in_two_spans() -> None:
     """It passed for a push, and friction, rotors and links bent to what that left."""
     found = picked_twice()

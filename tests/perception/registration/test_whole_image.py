@@ -224,6 +224,7 @@ def test_what_is_held_is_no_thing_though_depth_is_late_and_what_is_beside_it_is_
         assert not told or beside or not any(thing.identity for one in out for thing in things_of(one.things))
 
 
+@pytest.mark.long
 def test_the_place_that_a_hand_took_a_thing_from_does_not_tell_that_it_is_gone(library: tuple[Known, ...]) -> None:
     unaware, aware = ([one.poses[0].quality for one in run(library, carried(0.5, told))] for told in (False, True))
     assert min(unaware) < 0.0 and min(aware) >= 0.0

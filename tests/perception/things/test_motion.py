@@ -62,7 +62,8 @@ def arm(y: float, height: float) -> list[tuple[Array, float]]:
     return [(foot + share * (top - foot), 0.06) for share in np.linspace(0.0, 1.0, 12)]
 
 
-@pytest.mark.parametrize("height", [pytest.param(0.12, marks=pytest.mark.long), 0.22])
+@pytest.mark.parametrize("height", [0.12, 0.22])
+@pytest.mark.long
 def test_what_rests_is_not_told_to_move_while_an_arm_sweeps_before_it(height: float) -> None:
     frames = wrong = 0
     for seed in range(4):

@@ -17,7 +17,8 @@ from twin_diagram.signals.layouts import ObjectStatus, Track
 from twin_diagram.signals.things import THING_SIZE, Thing
 
 NAMES = ("can", "sugar_box")
-RADII = np.array([0.07, 0.12])
+SIZES = np.array([[0.08, 0.08, 0.08], [0.08, 0.16, 0.16]])
+RADII = 0.5 * np.linalg.norm(SIZES, axis=1)
 Q = np.array([0.0, 0.2, 0.0, -2.1, 0.0, 2.3, 0.785])
 PARAMS = scenario.Braking(clearance=0.005, unforeseen=0.02)
 
@@ -36,7 +37,7 @@ def track(status: ObjectStatus, std: float = 1e-4, velocity: Array | None = None
 
 def scene(near: DrakeDistances, *tracks: Array, age: float = 0.0, **told: Array | None) -> SceneNow:
     ports: dict[str, Array | None] = {"further_tracks": None, "things": None, "hand": None}
-    return read_scene(near, RADII, Q, None, age, tracks=np.concatenate(tracks), **(ports | told))
+    return read_scene(near, SIZES, Q, None, age, tracks=np.concatenate(tracks), **(ports | told))
 
 
 def test_what_stands_is_left_the_clearance_and_what_its_covariance_and_the_images_age_say(near: DrakeDistances) -> None:

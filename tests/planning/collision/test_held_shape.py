@@ -129,10 +129,10 @@ def test_it_is_kept_clear_of_the_arm_but_not_of_the_hand(loaded, q: Array) -> No
 def test_what_the_hand_is_about_is_no_obstacle(loaded, q: Array) -> None:  # type: ignore[no-untyped-def]
     """Nor is what is taken for something else at its very place; all else stays one."""
     scene, library = loaded
-    radii = np.array([0.5 * np.linalg.norm(asset.size) for asset in library.values()])
+    sizes = np.array([asset.size for asset in library.values()])
     X_WT = scene.chain.tool(scene.chain.place(q))[0]
     X_WO = compose(pose(*X_WT[:3, 3], DOWN), HAND.X_TO)
-    away = X_WO + np.array([0, 0, 0, 0, radii[CAN] + TUNING.misnamed + 0.01, 0, 0])
+    away = X_WO + np.array([0, 0, 0, 0, 0.5 * np.linalg.norm(sizes[CAN]) + TUNING.misnamed + 0.01, 0, 0])
     rows = tracks(can=pose(0.3, 0.3, 0.05), mug=pose(0.5, 0.2, 0.05))
     further = np.zeros((2, FURTHER_TRACK_SIZE))
     for row, X in zip(further, (X_WO, away), strict=True):
@@ -142,7 +142,7 @@ def test_what_the_hand_is_about_is_no_obstacle(loaded, q: Array) -> None:  # typ
     things = np.concatenate(
         [Thing(k + 1, ObjectStatus.TRACKED, 0.0, 0.0, X[4:], (piece,)).pack() for k, X in enumerate((X_WO, away))]
     )
-    after, more, left = obstacles_beside(HAND, X_WT, radii, rows, further.ravel(), things)
+    after, more, left = obstacles_beside(HAND, X_WT, sizes, rows, further.ravel(), things)
     present = Forecast.of_tracks(after).present
     assert not present[CAN] and present[bench.NAMES.index("mug")] and present.sum() == 1
     assert more is not None and more.reshape(2, -1)[:, 0].tolist() == [0.0, 1.0]
@@ -150,11 +150,36 @@ def test_what_the_hand_is_about_is_no_obstacle(loaded, q: Array) -> None:  # typ
     assert left.shape == (2 * THING_SIZE,)
 
     touching = Hand(touched=CAN)
-    after, more, _ = obstacles_beside(touching, X_WT, radii, rows, further.ravel(), None)
+    after, more, _ = obstacles_beside(touching, X_WT, sizes, rows, further.ravel(), None)
     assert not Forecast.of_tracks(after).present[CAN]
     assert more is not None and more.reshape(2, -1)[:, 0].tolist() == [1.0, 1.0], "the can touched lies elsewhere"
-    same = obstacles_beside(Hand(), X_WT, radii, rows, further.ravel(), things)
+    same = obstacles_beside(Hand(), X_WT, sizes, rows, further.ravel(), things)
     assert same[0] is rows and same[2] is things
+
+
+def test_what_stood_beside_before_the_fingers_came_stays_an_obstacle(loaded) -> None:  # type: ignore[no-untyped-def]
+    """What comes up at the object's place once the hand is there is it, and so is a part of it that was seen before."""
+    _, library = loaded
+    sizes = np.array([asset.size for asset in library.values()])
+    rows, X_WO = tracks(can=pose(0.5, -0.2, 0.05)), np.array([0.5, -0.2, 0.05])
+    beside = X_WO + np.array([0.5 * sizes[CAN][0] + 0.02, 0, 0])
+    hand, piece = Hand(touched=CAN, since=2.0), np.eye(4, 3)
+
+    def left(first_seen: float, middle: Array) -> bool:
+        thing = Thing(1, ObjectStatus.TRACKED, first_seen, 3.0, middle, (piece,)).pack()
+        more = obstacles_beside(hand, np.eye(4), sizes, rows, None, thing)[2]
+        assert more is not None
+        return things_of(more)[0].stands
+
+    assert left(1.0, beside) and not left(2.5, beside)
+    assert not left(1.0, X_WO + np.array([0, 0, 0.02]))
+    further = np.zeros((2, FURTHER_TRACK_SIZE))
+    for row, off in zip(further, (0.01, 1.1 * sizes[CAN][0]), strict=True):  # the can itself, and one that touches it
+        row[:OWNER_SIZE] = [1, CAN]
+        X = pose(*(X_WO + [off, 0, 0]))
+        row[OWNER_SIZE:] = Track(ObjectStatus.TRACKED, 0.0, X, np.zeros(6), np.zeros((6, 6))).pack()
+    more = obstacles_beside(hand, np.eye(4), sizes, rows, further.ravel(), None)[1]
+    assert more is not None and more.reshape(2, -1)[:, 0].tolist() == [0.0, 1.0]
 
 
 def test_what_was_let_go_and_is_called_gone_does_not_hold_the_hand() -> None:
@@ -162,9 +187,9 @@ def test_what_was_let_go_and_is_called_gone_does_not_hold_the_hand() -> None:
     X_WT, rows = np.eye(4), np.zeros((len(bench.NAMES), TRACK_SIZE))
     X_WT[:3, 3] = [0.5, 0.3, 0.04]
     parked = Track(ObjectStatus.GONE, 0.0, pose(0.0, 0.0, -50.0), np.zeros(6), np.zeros((6, 6)))
-    rows[CAN], radii = parked.pack(), np.full(len(bench.NAMES), 0.06)
+    rows[CAN], sizes = parked.pack(), np.full((len(bench.NAMES), 3), 0.06)
     middle = np.array([0.53, 0.31, 0.05])
     thing = Thing(1, ObjectStatus.TRACKED, 0.0, 0.0, middle, (middle + 0.02 * np.eye(4, 3),)).pack()
     for around, stands in ((True, False), (False, True)):
-        left = obstacles_beside(Hand(touched=CAN, around=around), X_WT, radii, rows.ravel(), None, thing)[2]
+        left = obstacles_beside(Hand(touched=CAN, around=around), X_WT, sizes, rows.ravel(), None, thing)[2]
         assert left is not None and [one.stands for one in things_of(left)] == [stands]

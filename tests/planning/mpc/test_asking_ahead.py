@@ -14,8 +14,8 @@ from twin_diagram.planning.mpc.asking_ahead import NOWHERE, Onward, answered, go
 from twin_diagram.planning.mpc.planner import MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.paths.guide import Answer, Question
-from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.planning.paths.searching import Searcher
+from twin_diagram.planning.paths.situation import Aim, Route
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import Hand

@@ -15,6 +15,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import Scene, load_scene
 from twin_diagram.planning.mpc.backing_out import TUNING, proved_wrong, way_out
 from twin_diagram.planning.mpc.planner import MotionPlanner
+from twin_diagram.planning.paths.situation import INSIDE
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
@@ -83,7 +84,7 @@ def test_an_arm_inside_a_guess_gets_out_of_it_slowly_and_to_its_goal(
     p = np.array([model.tool_pose(each).translation() for each in q])
     assert np.linalg.norm(p[-1] - GOAL[4:]) < 0.01
     around = scene.around(scene.forecast(NOBODY, None, row), np.zeros(len(q)))
-    inside = scene.clearance.distances(q, around, 0.1, own=False)[:, 2] < -TUNING.inside
+    inside = scene.clearance.distances(q, around, 0.1, own=False)[:, 2] < -INSIDE
     went = np.linalg.norm(np.diff(p, axis=0), axis=1) * TWIN.planner.rate
     assert went[inside[1:]].max(initial=0.0) < 1.2 * TUNING.speed
 
@@ -95,7 +96,7 @@ def test_only_what_is_guessed_can_be_proved_wrong(model: Model, scene: Scene) ->
     row = guess(model, (-0.1, -0.1), (0.1, 0.1, 0.1))
     forecast = scene.forecast(can, None, row)
     now = planner.guide.margins_at(HOME, forecast, HOME[None])
-    assert (now.here[1:3] < -TUNING.inside).all(), "it is inside of both"
+    assert (now.here[1:3] < -INSIDE).all(), "it is inside of both"
     assert proved_wrong(now).tolist() == [False, False, True]
     beside = guess(model, (-0.1, 0.12), (0.1, 0.2, 0.1))
     assert not proved_wrong(planner.guide.margins_at(HOME, scene.forecast(NOBODY, None, beside), HOME[None])).any()

@@ -17,8 +17,8 @@ from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.trajectory_optimisation import Optimum, PlanProblem
 from twin_diagram.planning.paths import inverse_kinematics
 from twin_diagram.planning.paths.guide import Answer, Question
-from twin_diagram.planning.paths.route import Aim, Route, Situation
 from twin_diagram.planning.paths.searching import Searcher
+from twin_diagram.planning.paths.situation import Aim, Route, Situation
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array

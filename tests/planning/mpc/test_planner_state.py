@@ -9,7 +9,7 @@ import pytest
 
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.mpc.trajectory import Trajectory, response
-from twin_diagram.planning.paths.route import Aim, Route
+from twin_diagram.planning.paths.situation import Aim, Route
 
 
 @pytest.mark.parametrize(("n", "knots"), [(7, 13), (2, 4), (9, 9)])

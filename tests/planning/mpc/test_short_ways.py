@@ -11,8 +11,8 @@ from twin_diagram.planning.collision.collision_scene import load_scene
 from twin_diagram.planning.mpc.planner import TUNING, MotionPlanner
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.paths.guide import Answer, Question
-from twin_diagram.planning.paths.route import Aim
 from twin_diagram.planning.paths.searching import Searcher
+from twin_diagram.planning.paths.situation import Aim
 from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import ObjectStatus, Track

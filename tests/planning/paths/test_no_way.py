@@ -14,7 +14,7 @@ from twin_diagram.model.model import Model
 from twin_diagram.planning.collision.collision_scene import holders
 from twin_diagram.planning.mpc_system import Mpc
 from twin_diagram.planning.paths.no_way import Hindrance, HindranceKind, distances_at_ends, why_no_way
-from twin_diagram.planning.paths.route import Aim, Route
+from twin_diagram.planning.paths.situation import Aim, Route
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus, Track
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE, Thing

@@ -6,12 +6,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from twin_diagram.planning.tasks.standing_beside import StandingBeside
 from twin_diagram.planning.tasks.step_state import Phase, Step, TaskOutcome, TaskState
 from twin_diagram.planning.tasks.step_view import StepView, Takeable
 from twin_diagram.planning.tasks.transitions import advance
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, ObjectStatus, PoseMeasurement, Track
 from twin_diagram.signals.pose_vectors import compose, inverse
+from twin_diagram.signals.things import Thing
 
 TICK = 1 / 30
 BOX = np.array([[x, y, z] for x in (-0.02, 0.02) for y in (-0.03, 0.03) for z in (-0.05, 0.05)])
@@ -60,6 +62,7 @@ class SmallWorld:
     in_hand: Array | None = None
     others: tuple[Array, ...] = ()  # where the library's other objects stand
     beside: ObjectStatus = ObjectStatus.TRACKED  # how those are seen
+    unknown: tuple[Array, ...] = ()  # corners in W of what no library knows
 
     def tick(self) -> TaskState:
         widest = 0.08
@@ -72,6 +75,7 @@ class SmallWorld:
         seen = StepView(
             self.now, self.X_WT, self.speed, [track, *beside], [measured] * len(self.library),
             self.opening, abs(self.opening - before) / TICK, widest, self.reach if self.state.goal.any() else NEVER,
+            beside=StandingBeside(further=np.zeros(0), things=self._things(), pieces=()),
         )  # fmt: skip
         self.state = advance(self.state, seen, self.steps, self.library)
         if not self.phases or self.phases[-1] is not self.state.phase:
@@ -82,6 +86,13 @@ class SmallWorld:
         if self.in_hand is not None:
             self.X_WO = compose(self.X_WT, self.in_hand)
         return self.state
+
+    def _things(self) -> Array:
+        rows = [
+            Thing(k + 1, ObjectStatus.TRACKED, 0.0, self.now, corners.mean(axis=0), (corners,)).pack()
+            for k, corners in enumerate(self.unknown)
+        ]
+        return np.concatenate([*rows, np.zeros(0)])
 
     def _squeezed(self, widest: float) -> float:
         wanted = min(self.stuck, widest * self.state.opened if self.state.opened >= 0 else self.opening)

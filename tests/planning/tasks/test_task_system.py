@@ -25,6 +25,7 @@ from twin_diagram.scenario.resources import models_dir
 from twin_diagram.signals.hand import HAND_SIZE, Hand
 from twin_diagram.signals.layouts import NEVER, ObjectStatus, PoseMeasurement, Track
 from twin_diagram.signals.pose_vectors import from_matrix
+from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE, Thing
 
 TASK = "twin.task=[{kind: pick, object: can, force: 25}, {kind: hold, seconds: 0.2}]"
 HOME = np.array([0.0, 0.1, 0.0, -2.2, 0.0, 2.3, 0.785])
@@ -164,6 +165,34 @@ def test_a_perception_s_pose_that_is_no_number_shows_nothing(runner: TaskRunner,
     state = replace(TaskState(), hand=hand, image=0.0)
     can = Takeable((np.eye(3),), False)
     assert watched(state, replace(seen, opening=0.02), can)[1] is Why.NONE
+
+
+def test_things_instances_and_assets_that_came_later_stand_beside(model: Model) -> None:
+    """What an unknown thing's velocity has carried it by counts; what is gone, or free, or no number does not."""
+    library = {"can": Asset.load(models_dir() / "objects" / "can")}
+    plan = load_scenario("tabletop", [TASK])
+    plan.twin.library = {"can": plan.twin.library["can"]}
+    runner = TaskRunner(model, plan.twin, library, Fingers(np.zeros(2), np.zeros(2), np.full(2, 0.04)))
+    runner.add_asset(Asset.load(models_dir() / "objects" / "sugar_box"))
+    run = Run(runner, model)
+    further = np.zeros((plan.twin.slots.further(1), FURTHER_TRACK_SIZE))
+    for row, kind, status in zip(
+        further, (1, 0, 7), (ObjectStatus.TRACKED, ObjectStatus.GONE, ObjectStatus.TRACKED), strict=False
+    ):
+        row[:OWNER_SIZE] = [kind + 1, kind]
+        row[OWNER_SIZE:] = Track(status, 0.0, pose(0.4, 0.2, 0.1), np.zeros(6), np.zeros((6, 6))).pack()
+    thing = Thing(5, ObjectStatus.TRACKED, 0.0, 0.0, np.zeros(3), (np.eye(4, 3),), shift=np.array([0.0, 0.5, 0.0]))
+    things = np.zeros((plan.twin.slots.unknown, THING_SIZE))
+    things[2] = thing.pack()
+    run.put(further_tracks=further.ravel(), things=things.ravel())
+    seen = runner._seen(run.context)
+    assert seen is not None
+    box, lump = seen.beside.corners()
+    np.testing.assert_allclose(box.max(axis=0) - box.min(axis=0), [0.09, 0.045, 0.175], atol=1e-3)
+    np.testing.assert_allclose(lump, np.eye(4, 3) + [0.0, 0.5, 0.0])
+    run.put(things=np.full(things.size, np.nan))
+    seen = runner._seen(run.context)
+    assert seen is not None and len(seen.beside.corners()) == 1
 
 
 def test_two_contexts_do_not_know_of_each_other(runner: TaskRunner, model: Model) -> None:

@@ -319,6 +319,22 @@ def test_an_object_that_is_seen_elsewhere_is_not_in_the_hand() -> None:
     assert state.hand.held == NOTHING
 
 
+@pytest.mark.parametrize("bearing", [0.0, np.pi / 2])
+def test_what_nobody_knows_counts_where_a_grasp_is_chosen_and_how_high_it_is_lifted(bearing: float) -> None:
+    """Fingers come down where it does not stand, and a part of the object itself is in nobody's way."""
+    beside = BOX * [1.0, 0.6, 2.0] + [0.5 + 0.07 * np.cos(bearing), 0.1 + 0.07 * np.sin(bearing), 0.1]
+    chosen: dict[str, float] = {}
+    for name, unknown in (("alone", ()), ("beside", (beside,)), ("part", (BOX + [0.5, 0.1, 0.055],))):
+        world = SmallWorld((step("pick"),), unknown=unknown)
+        state = world.until(Phase.LIFT)
+        closing = rotations.matrix(state.grasp[:4])[:2, 1]
+        chosen[name] = abs(float(closing @ [np.cos(bearing), np.sin(bearing)]))
+        rise = 0.2 + TUNING.over if name == "beside" else TUNING.raised
+        assert state.goal[6] - state.grasp[6] == pytest.approx(rise)
+    assert chosen["beside"] < 0.5
+    assert chosen["part"] == chosen["alone"]
+
+
 @pytest.mark.parametrize(("gap", "rise"), [(0.001, 0.15), (0.5 * TUNING.beside, 0.15), (2.0 * TUNING.beside, 0.0)])
 def test_what_stands_against_another_is_lifted_over_it(gap: float, rise: float) -> None:
     reach = float(np.linalg.norm(BOX[:, :2], axis=1).max())

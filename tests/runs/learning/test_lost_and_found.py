@@ -144,6 +144,7 @@ def test_what_was_lost_and_bars_the_way_home_ends_no_run(tmp_path: Path, monkeyp
     assert one.why == "it fell; then the arm could not go home: no way past what stands about" and not one.standing
 
 
+@pytest.mark.long
 def test_how_what_was_found_is_held_is_told_by_what_was_seen_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """A box that was shown fell onto its side: its pose is found there, and a display in that grasp goes on from it."""
     pictures = [shown(turned(a), np.eye(4), k) for k, a in enumerate(np.linspace(0.0, 2 * np.pi, 13)[:-1])]

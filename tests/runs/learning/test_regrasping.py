@@ -164,6 +164,7 @@ def block(size: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(points), np.concatenate(normals)
 
 
+@pytest.mark.long
 def test_what_is_loaded_to_one_side_is_taken_there() -> None:
     """A block of 18 x 4 x 6 cm, whose weight is felt to pull 5 cm beside its middle."""
     cloud, outward = block((0.18, 0.04, 0.06))

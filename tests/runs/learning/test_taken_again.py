@@ -27,7 +27,7 @@ def surface(corners: Array, seed: int = 0) -> ColouredSurface:
     return ColouredSurface(noisy, np.zeros((len(corners), 3, 2)), np.zeros((4, 4, 3), np.uint8), 0.0, 0.001)
 
 
-@pytest.mark.parametrize("corners", [BOX, L_SHAPE])
+@pytest.mark.parametrize("corners", [BOX, pytest.param(L_SHAPE, marks=pytest.mark.long)])
 def test_one_things_shapes_are_the_same_however_it_lay(corners: Array) -> None:
     for seed in range(1, 4):
         assert same_shape(surface(corners), surface(corners, seed))

@@ -123,6 +123,7 @@ def hold(
     return Held(moved, turned, in_hand().translation()[2] > 0.1, contacts, min(forces, default=0.0), opening)
 
 
+@pytest.mark.long
 def test_a_hand_that_a_linkage_carries_presses_with_the_force_it_is_told(tmp_path: Path) -> None:
     """As much as fingers that slide, of a narrow box and of a wide one: torque by the linkage's lever."""
     for width in (0.03, 0.06):

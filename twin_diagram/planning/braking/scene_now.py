@@ -82,7 +82,7 @@ class SceneNow:
 
 def read_scene(
     near: DrakeDistances,
-    radii: Array,
+    sizes: Array,
     q: Array,
     fingers: Array | None,
     age: float,
@@ -96,7 +96,7 @@ def read_scene(
 
     Args:
         near: whose slots are filled.
-        radii: (K + A,) of balls about the library's objects, and about those that were added later [m].
+        sizes: (K + A, 3) edges of boxes about the library's objects, and about those that were added later [m].
         q: (n,) the arm's joints [rad].
         fingers: (2g,) their state; None where it is not told.
         age: of what was seen last [s].
@@ -109,7 +109,7 @@ def read_scene(
     tracks = np.zeros(TRACK_SIZE * count) if tracks is None else tracks
     held = Hand() if hand is None else Hand.unpack(hand)
     if held.held != NOTHING or held.touched != NOTHING:
-        tracks, further_tracks, things = obstacles_beside(held, near.tool(q), radii, tracks, further_tracks, things)
+        tracks, further_tracks, things = obstacles_beside(held, near.tool(q), sizes, tracks, further_tracks, things)
     rows = np.zeros((further, FURTHER_TRACK_SIZE))
     if further_tracks is not None and further:
         rows = further_tracks.reshape(further, FURTHER_TRACK_SIZE)
@@ -127,5 +127,6 @@ def read_scene(
         held.on_support, held.support, min(Unsure.of(held.covariance, np.eye(3), None, moving=False).now, TUNING.doubt),
     )  # fmt: skip
     own = None if fingers is None or not np.isfinite(fingers).all() else fingers[: len(fingers) // 2]
+    radii = 0.5 * np.linalg.norm(sizes, axis=1)
     others = radii[kinds] if len(radii) else np.zeros(further)
     return SceneNow(shapes, forecast, goes, np.concatenate([radii[:count], others]), near.fixture_count, own, age)

@@ -133,7 +133,7 @@ class StopMonitor(ModelUser[Model]):
         self._acceleration: Final = limit
         further, things = twin.slots.further(len(library)), twin.slots.unknown
         self._near: Final = DrakeDistances(twin.arm, twin.fixtures, library, further, things, packages)
-        self._radii = np.array([0.5 * float(np.linalg.norm(asset.size)) for asset in library.values()])
+        self._sizes = np.array([asset.size for asset in library.values()]).reshape(-1, 3)
         self._patience: Final = {
             Cause.STALE_STATE: self._params.state_periods / twin.driver.rate,
             # Of several cameras one that goes on is enough; the slowest may be the one.
@@ -182,7 +182,7 @@ class StopMonitor(ModelUser[Model]):
     def add_asset(self, asset: Asset) -> None:
         """Take in the shape of an asset that came later; `further_tracks` tell of it by its number."""
         self._near.add_asset(asset)
-        self._radii = np.append(self._radii, 0.5 * float(np.linalg.norm(asset.size)))
+        self._sizes = np.vstack([self._sizes, asset.size])
 
     def recount(self, context: Context, change: Array) -> None:
         """Count angles anew: what was commanded is others by `change` (n,) [rad], in this system's Context."""
@@ -394,6 +394,6 @@ class StopMonitor(ModelUser[Model]):
         values = {name: self._value(context, name) for name in ("tracks", "further_tracks", "things", "hand")}
         fingers, image = self._value(context, "gripper_state"), self._value(context, "image_time")
         age = max(0.0, now - float(image[0])) if image is not None and image[0] >= 0.0 else 0.0
-        scene = read_scene(self._near, self._radii, arm[: self._n], fingers, age, **values)
+        scene = read_scene(self._near, self._sizes, arm[: self._n], fingers, age, **values)
         self._near.surround(scene.shapes)
         return scene

@@ -12,10 +12,11 @@ from twin_diagram.planning.collision.ball_cover import Balls, box_cover
 from twin_diagram.planning.collision.collision_scene import Forecast, Scene
 from twin_diagram.planning.collision.convex_solids import bounding_box
 from twin_diagram.planning.collision.unsure_pose import Unsure
+from twin_diagram.signals import rotations
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.layouts import TRACK_SIZE, ObjectStatus
-from twin_diagram.signals.pose_vectors import as_matrix
+from twin_diagram.signals.pose_vectors import as_matrix, from_matrix
 from twin_diagram.signals.things import FURTHER_TRACK_SIZE, OWNER_SIZE, THING_SIZE, things_of
 
 
@@ -30,12 +31,33 @@ class Tuning:
     """What is seen within an object's radius and this of where the hand is about it is that object [m]: half covered
     by the fingers it may look like something else."""
 
+    own: float = 0.01
+    """An unknown thing that was there before the fingers came is a part of the object only where its middle lies within
+    the object's box and this [m]: as far as an estimated pose and a part's middle are off."""
+
     at_fingers: float = 0.07
     """What comes nearer than this to the tool is at the fingers [m]: open they reach so far to either side, and what is
     5 cm beside the flat of the hand is farther."""
 
 
 TUNING = Tuning()
+
+
+@dataclass(frozen=True)
+class ObjectBox:
+    """The box about an object where it is: X_WO (7), and half its edges (3,) [m]."""
+
+    X_WO: Array
+    half: Array
+
+    def to(self, p_W: Array) -> float:
+        """Return how far a point (3,) of W is from the box [m]; 0: inside."""
+        p_O = rotations.matrix(self.X_WO[:4]).T @ (p_W - self.X_WO[4:])
+        return float(np.linalg.norm(np.maximum(np.abs(p_O) - self.half, 0.0)))
+
+    def ball_to(self, p_W: Array) -> float:
+        """Return how far a point (3,) of W is from the ball about the box [m]; negative: inside."""
+        return float(np.linalg.norm(p_W - self.X_WO[4:]) - np.linalg.norm(self.half))
 
 
 def holding(scene: Scene, pieces_O: Sequence[Array], hand: Hand) -> Scene:
@@ -68,14 +90,17 @@ def holding(scene: Scene, pieces_O: Sequence[Array], hand: Hand) -> Scene:
 
 
 def obstacles_beside(
-    hand: Hand, X_WT: Array, radii: Array, tracks: Array, further: Array | None, things: Array | None
+    hand: Hand, X_WT: Array, sizes: Array, tracks: Array, further: Array | None, things: Array | None
 ) -> tuple[Array, Array | None, Array | None]:
     """Return tracks and things without what the hand holds or may touch.
+
+    What an image shows at its place under another name goes with it; what stands beside it stays. Two instances part
+    where neither can be within the other; an unknown thing is told by when it was seen first.
 
     Args:
         hand: what it is about.
         X_WT: (4, 4) the tool.
-        radii: (K,) of balls about the library's objects [m].
+        sizes: (K, 3) edges of boxes about the library's objects, in their own axes [m].
         tracks: (K · TRACK_SIZE,)
         further: (F · FURTHER_TRACK_SIZE,) or None.
         things: (T · THING_SIZE,) or None.
@@ -86,24 +111,26 @@ def obstacles_beside(
     rows = tracks.reshape(-1, TRACK_SIZE).copy()
     # What the fingers are around is there, also when an image that shows it as something unknown calls it gone.
     lost = hand.around & np.isin(rows[:, 0], [float(ObjectStatus.UNSEEN), float(ObjectStatus.GONE)])
-    in_hand = (X_WT @ as_matrix(hand.X_TO))[:3, 3]
-    places = [in_hand if k == hand.held or lost[k] else rows[k, 6:9].copy() for k in about]
-    reach = [float(radii[k]) + TUNING.misnamed for k in about]
+    X_WH = from_matrix(X_WT @ as_matrix(hand.X_TO))
+    boxes = [ObjectBox(X_WH if k == hand.held or lost[k] else rows[k, 2:9].copy(), 0.5 * sizes[k]) for k in about]
     rows[about, 0] = float(ObjectStatus.GONE)
 
-    def misnamed(p_W: Array) -> bool:
-        return any(float(np.linalg.norm(p_W - place)) < far for place, far in zip(places, reach, strict=True))
+    def misnamed(p_W: Array, beyond: float) -> bool:
+        """Tell whether what has its middle there is what the hand is about: no farther than so from its box."""
+        return any(box.ball_to(p_W) < TUNING.misnamed and box.to(p_W) < beyond for box in boxes)
 
     if further is not None and len(further):
         more = further.reshape(-1, FURTHER_TRACK_SIZE).copy()
         for row in more:
-            if row[0] > 0 and misnamed(row[OWNER_SIZE + 6 : OWNER_SIZE + 9]):
+            half = 0.5 * float(sizes[int(row[1])].min()) if row[1] < len(sizes) else np.inf
+            if row[0] > 0 and misnamed(row[OWNER_SIZE + 6 : OWNER_SIZE + 9], half):
                 row[0] = 0.0
         further = more.ravel()
     if things is not None and np.isfinite(things).all():
         seen = things.reshape(-1, THING_SIZE).copy()
         for row, thing in zip(seen, things_of(things), strict=True):
-            if thing.stands and misnamed(thing.middle + thing.shift):
+            beyond = TUNING.own if thing.first_seen < hand.since else np.inf
+            if thing.stands and misnamed(thing.middle + thing.shift, beyond):
                 row[:] = 0.0
         things = seen.ravel()
     return rows.ravel(), further, things

@@ -12,7 +12,7 @@ from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
 from twin_diagram.planning.mpc.planner_state import Memory
 from twin_diagram.planning.paths.guide import Guide, Question
 from twin_diagram.planning.paths.inverse_kinematics import IkTuning
-from twin_diagram.planning.paths.route import Aim, Route, Situation
+from twin_diagram.planning.paths.situation import Aim, Route, Situation
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import NOTHING, Hand
 from twin_diagram.signals.layouts import POSE_SIZE

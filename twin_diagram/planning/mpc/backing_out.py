@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.planning.collision.collision_scene import Scene
-from twin_diagram.planning.paths.route import Situation
+from twin_diagram.planning.paths.situation import INSIDE, Situation
 from twin_diagram.planning.paths.time_optimal import SpeedProfile, profile
 from twin_diagram.signals.arrays import Array
 
@@ -21,10 +21,6 @@ from twin_diagram.signals.arrays import Array
 @dataclass(frozen=True)
 class Tuning:
     """Constants of this module, with their units and what set them."""
-
-    inside: float = 0.02
-    """An arm so deep in a thing proves its shape wrong [m]: what the cover of balls adds to the arm (1 cm), and the
-    centimetre that the stop monitor asks for."""
 
     speed: float = 0.05
     """The tool goes no faster on its way out [m/s]: what is really there is pushed gently, if it is met."""
@@ -44,11 +40,7 @@ TUNING = Tuning()
 
 def proved_wrong(now: Situation) -> npt.NDArray[np.bool_]:
     """Return (B,) bool: unknown things that the arm is deep inside of; what is known has a shape that is no guess."""
-    forecast = now.forecast
-    fixtures = len(now.still) - len(forecast.present)
-    guessed = forecast.present.copy()
-    guessed[list(forecast.unsure)] = False
-    return np.concatenate([np.zeros(fixtures, dtype=bool), guessed]) & (now.here[:-1] < -TUNING.inside)
+    return now.guessed & (now.here[:-1] < -INSIDE)
 
 
 def way_out(scene: Scene, lift: Callable[[Array, float], Array], now: Situation, speed: Array) -> SpeedProfile | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin_diagram.planning.paths.guide import TUNING as GUIDE
-from twin_diagram.planning.paths.route import Situation
+from twin_diagram.planning.paths.situation import FOLLOWED, Situation
 from twin_diagram.signals.arrays import Array
 
 
@@ -17,9 +17,6 @@ class Tuning:
 
     approach: float = 0.1
     """How fast the margin grows to its full size away from a goal next to a thing [m/s of travel]."""
-
-    kept: float = 0.003
-    """What is nearer than the margin now may come nearer by this [m]: plans are followed to a millimetre or two."""
 
     at_goal: float = 0.15
     """Next to a goal margins are small from so long before it on [s]: a motion that is off by millimetres takes that
@@ -45,9 +42,9 @@ def at_samples(now: Situation, samples: Array, duration: float, *, stays: bool =
     # What overlaps is left from where it is on: to ask for all of the margin at once would be to leap.
     near = now.here[:-1]
     if stays:
-        here, growth = near - TUNING.kept, 0.0
+        here, growth = near - FOLLOWED, 0.0
     else:
-        here = np.where(near < 0.0, near, np.maximum(near - TUNING.kept, now.least))
+        here = np.where(near < 0.0, near, np.maximum(near - FOLLOWED, now.least))
         growth = TUNING.approach
     leaving = np.minimum(result[:, :-1], here + growth * samples[:, None])
     result[:, :-1] = np.where(now.still, leaving, result[:, :-1])
@@ -69,6 +66,6 @@ def as_near_as(near: Array, margins: Array, now: Situation, *, lagging: bool = F
     if lagging:
         near = np.minimum.accumulate(np.vstack([now.here, near]))[1:]
     result = margins.copy()
-    wanted = np.minimum(margins[:, :-1], np.maximum(near[:, :-1] - TUNING.kept, now.least))
+    wanted = np.minimum(margins[:, :-1], np.maximum(near[:, :-1] - FOLLOWED, now.floor(now.least)[:-1]))
     result[:, :-1] = np.where(now.still, wanted, margins[:, :-1])
     return result

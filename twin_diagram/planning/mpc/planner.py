@@ -15,7 +15,6 @@ from twin_diagram.planning.mpc.arm_torque import ArmTorque, TorqueBounds, torque
 from twin_diagram.planning.mpc.asking_ahead import NOWHERE, Onward, kept_ahead
 from twin_diagram.planning.mpc.backing_out import proved_wrong, way_out, without
 from twin_diagram.planning.mpc.limits import limits_of
-from twin_diagram.planning.mpc.margins import TUNING as MARGINS
 from twin_diagram.planning.mpc.margins import as_near_as, at_samples
 from twin_diagram.planning.mpc.planner_state import FRESH, Memory
 from twin_diagram.planning.mpc.planner_state import TUNING as PLANNER_STATE
@@ -25,8 +24,8 @@ from twin_diagram.planning.mpc.trajectory_optimisation import Limits, Optimiser,
 from twin_diagram.planning.paths.guide import TUNING as GUIDE
 from twin_diagram.planning.paths.guide import Guide, GuideSettings, Question, together
 from twin_diagram.planning.paths.inverse_kinematics import IkTuning
-from twin_diagram.planning.paths.route import Aim, Route
 from twin_diagram.planning.paths.searching import Here, Searcher
+from twin_diagram.planning.paths.situation import FOLLOWED, Aim, Route
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 
@@ -216,7 +215,7 @@ class MotionPlanner:
         reference = np.repeat(stop[None], len(samples), axis=0) if waits else way.at(samples + TUNING.ahead)
         fallback = replace(memory.trajectory, q0=memory.trajectory.q0 - memory.offset)
         if (stands := route.to_goal and _stands(guess, reference)) or line:
-            near = self.scene.clearance.distances(reference, around, float(margins.max()) + MARGINS.kept, own=False)
+            near = self.scene.clearance.distances(reference, around, float(margins.max()) + FOLLOWED, own=False)
             margins = as_near_as(near, margins, situation, lagging=line)
         out = way_out(self.scene, self.router.lifted, situation, self.limits.velocity)
         if out is not None:

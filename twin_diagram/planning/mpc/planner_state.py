@@ -12,7 +12,7 @@ import numpy as np
 from twin_diagram.planning.mpc.trajectory import Trajectory
 from twin_diagram.planning.paths.guide import TUNING as GUIDE
 from twin_diagram.planning.paths.guide import Question
-from twin_diagram.planning.paths.route import Aim, Route
+from twin_diagram.planning.paths.situation import Aim, Route
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import NEVER, POSE_SIZE
 

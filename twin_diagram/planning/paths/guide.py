@@ -13,7 +13,8 @@ from twin_diagram.planning.collision.collision_scene import Forecast, Packed, Sc
 from twin_diagram.planning.collision.held_shape import holding
 from twin_diagram.planning.paths import inverse_kinematics, straight_line
 from twin_diagram.planning.paths.no_way import Hindrance, distances_at_ends, why_no_way
-from twin_diagram.planning.paths.route import Router, Situation
+from twin_diagram.planning.paths.route import Router
+from twin_diagram.planning.paths.situation import Situation
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.hand import Hand
 from twin_diagram.signals.pose_vectors import as_matrix
@@ -173,7 +174,7 @@ class Guide:
         if not len(found):
             return found
         now = self.situation(q, forecast, found)
-        clear = (now.at_goals >= np.append(np.full(len(now.still), now.least), now.own)).all(axis=1)
+        clear = (now.at_goals >= np.append(now.floor(now.least)[:-1], now.own)).all(axis=1)
         return found[np.argsort(~clear, kind="stable")][: TUNING.goals]
 
     def reaching(self, q: Array, goal: Array, rng: np.random.Generator, tuning: Any = None) -> Array:

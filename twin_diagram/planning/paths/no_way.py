@@ -10,7 +10,8 @@ from enum import Enum
 
 import numpy as np
 
-from twin_diagram.planning.paths.route import Router, Situation
+from twin_diagram.planning.paths.route import Router
+from twin_diagram.planning.paths.situation import Situation
 from twin_diagram.signals.arrays import Array
 
 

@@ -6,8 +6,7 @@ a route stays good while the optimiser bends the motion around what comes near.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
@@ -15,97 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from twin_diagram.planning.collision.chain import drawn_range
-from twin_diagram.planning.collision.collision_scene import Forecast, Scene
+from twin_diagram.planning.collision.collision_scene import Scene
 from twin_diagram.planning.paths import lifting, rrt_connect
 from twin_diagram.planning.paths.route_tuning import RouteTuning
+from twin_diagram.planning.paths.situation import Aim, Route, Situation
 from twin_diagram.planning.paths.time_optimal import SpeedProfile, profile
 from twin_diagram.signals.arrays import Array, Ints
 
 STEEP: Final = ((True, False), (True, True))
 """Shapes of ways over things: straight up at first, and straight down at the end as well."""
-
-
-class Aim(IntEnum):
-    """What a route is for."""
-
-    NOTHING = 0
-    """No way is known: wait."""
-    GOAL = 1
-    REFUGE = 2
-    """Out of the way of something that comes."""
-    LINE = 3
-    """To a goal near by, straight in space: its way points are kept until they are passed."""
-
-
-@dataclass(frozen=True)
-class Route:
-    """Way points (W, n) ahead, W >= 0, and what for."""
-
-    aim: Aim
-    points: Array
-
-    @property
-    def to_goal(self) -> bool:
-        """Whether it leads to a goal."""
-        return self.aim in (Aim.GOAL, Aim.LINE)
-
-    @staticmethod
-    def none(n: int) -> Route:
-        """Return the route of an arm that has nowhere to go."""
-        return Route(Aim.NOTHING, np.zeros((0, n)))
-
-
-@dataclass(frozen=True)
-class Situation:
-    """What a decision is made from.
-
-    Attributes:
-        q: (n,) where the arm is [rad].
-        forecast: where objects are going.
-        goals: (G, n) joint goals that would do; G may be zero.
-        here: (B + 1,) distances now, to each body and of the arm to itself [m].
-        at_goals: (G, B + 1) the same at the goals, of the objects as they are now.
-        still: (B,) bool: bodies that do not move.
-        clearance: to keep from bodies [m].
-        least: to keep from a body that stands still next to the goal [m].
-        own: the arm keeps from itself [m].
-    """
-
-    q: Array
-    forecast: Forecast
-    goals: Array
-    here: Array
-    at_goals: Array
-    still: npt.NDArray[np.bool_]
-    clearance: float
-    least: float
-    own: float
-
-    def margins(self, goal: int | None = None, extra: Array | float = 0.0, away: Array | float = 0.0) -> Array:
-        """Return distances to keep on the way to a goal: less of what rests near it, `away` more [m].
-
-        (B + 1,); with `extra` and `away` of M samples (M, B + 1).
-        """
-        most = self.clearance + np.asarray(extra)[..., None]
-        result = np.repeat(most, len(self.here), axis=-1)
-        if goal is not None:
-            wanted = self.at_goals[goal, :-1] - 0.003 + np.asarray(away)[..., None]
-            near = np.minimum(np.maximum(wanted, self.least), most)
-            result[..., :-1] = np.where(self.still, near, result[..., :-1])
-        result[..., -1] = self.own
-        return result
-
-    def allowed(self, margins: Array, share: float = 1.0) -> Array:
-        """Loosen margins for a check: what is not kept now cannot be asked of the way from here."""
-        return np.maximum(np.minimum(share * margins, self.here - 0.003), 0.003)
-
-    def goal_of(self, route: Route) -> int | None:
-        """Return which goal a route leads to; without a route to one, the first."""
-        if not len(self.goals):
-            return None
-        if route.to_goal and len(route.points):
-            return int(np.abs(self.goals - route.points[-1]).max(axis=1).argmin())
-        return 0
 
 
 class Router:

@@ -70,6 +70,6 @@ def _with_what_is_taken(state: TaskState, seen: StepView, steps: Sequence[Step],
     step = steps[state.step + 1]
     if step.kind != "place":
         return After()
-    hand, _ = picking.closed_on(state.grasp, seen, steps[state.step], library)
+    hand, _ = picking.closed_on(state.grasp, seen, steps[state.step], library, state.hand.since)
     then = replace(state, hand=hand, stood=seen.tracks[step.target].pose[:4].copy())
     return After(above_place(then, replace(seen, X_WT=state.grasp), step, library), hand)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin_diagram.planning.collision.held_shape import TUNING as HELD_SHAPE
 from twin_diagram.planning.tasks.bearing import bearer
 from twin_diagram.planning.tasks.grasp_choice import TUNING as GRASP_CHOICE
 from twin_diagram.planning.tasks.grasp_choice import between_fingers, choices
@@ -79,16 +80,9 @@ def _same(X_WG: Array, other: Array) -> bool:
 def _offered(seen: StepView, step: Step, library: Sequence[Takeable], near: Array) -> Array:
     """Return where the object could be taken (G, 7), the best first."""
     track, known = seen.tracks[step.target], library[step.target]
-    there = (ObjectStatus.UNSEEN, ObjectStatus.GONE)
-    tips = _standing(known, track.pose)[1] + FROM_ABOVE.bottom - FROM_ABOVE.tip
-    others = Neighbours.of(
-        [
-            _corners(library[k], other.pose)
-            for k, other in enumerate(seen.tracks)
-            # Lower than this no finger comes: what bears it is in none's way.
-            if k != step.target and other.status not in there and _standing(library[k], other.pose)[2] > tips
-        ]
-    )
+    # Lower than this no finger comes: what bears it is in none's way.
+    tips = _standing(_corners(known, track.pose))[1] + FROM_ABOVE.bottom - FROM_ABOVE.tip
+    others = Neighbours.of([points for points in _beside(seen, step, library) if points[:, 2].max() > tips])
     pose, wide = track.pose, seen.widest
     return choices(known.pieces, pose, wide, near, others, known.shape, symmetric=known.symmetric, palm=seen.palm)
 
@@ -147,7 +141,7 @@ def approach(state: TaskState, seen: StepView, step: Step, library: Sequence[Tak
     fresh = _nearest(state.grasp, seen, step, library)
     if fresh is not None and errors(fresh, state.grasp)[1] < 4 * TUNING.follow_turn:
         state = replace(state, grasp=fresh)
-    state = replace(state, hand=Hand(touched=step.target))
+    state = replace(state, hand=Hand(touched=step.target, since=seen.now))
     return state.entering(Phase.DESCEND, seen.now, state.grasp)
 
 
@@ -174,16 +168,17 @@ def close(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     if seen.opening < TUNING.empty:
         return again(state, seen, step, Why.MISSED)
     track = seen.tracks[step.target]
-    hand, doubt = closed_on(seen.X_WT, seen, step, library)
+    hand, doubt = closed_on(seen.X_WT, seen, step, library, state.hand.since)
     state = replace(state, hand=hand, elsewhere=0, image=track.last_seen, past=no_past()).noting(Note.GRASPED, seen.now)
     state = replace(state, lies=closing_on(hand.X_TO, doubt, seen), stood=track.pose[:4].copy())
     return state.entering(Phase.LIFT, seen.now, moved(state.grasp, np.array([0.0, 0.0, _rise(seen, step, library)])))
 
 
-def closed_on(X_WG: Array, seen: StepView, step: Step, library: Sequence[Takeable]) -> tuple[Hand, Array]:
+def closed_on(X_WG: Array, seen: StepView, step: Step, library: Sequence[Takeable], since: float) -> tuple[Hand, Array]:
     """Return the hand once it has closed at X_WG (7): what it holds, where perception saw it and the fingers put it.
 
-    Beside it the covariance (6, 6) of where it lies in the hand as perception alone knows it.
+    It has been about it `since` then [s]. Beside it the covariance (6, 6) of where it lies in the hand as perception
+    alone knows it.
     """
     track, known = seen.tracks[step.target], library[step.target]
     R_TW = np.kron(np.eye(2), rotations.matrix(X_WG[:4]).T)
@@ -192,7 +187,8 @@ def closed_on(X_WG: Array, seen: StepView, step: Step, library: Sequence[Takeabl
     pieces = reached(known.pieces, X_TO) if held is None else (held,)
     doubt = R_TW @ track.covariance @ R_TW.T
     X_TO, covariance = centred(X_TO, doubt, pieces, TUNING.finger_error)
-    return Hand(step.target, NOTHING, True, X_TO, covariance, support=bearer(seen, step, library)), doubt
+    bears = bearer(seen, step, library)
+    return Hand(step.target, NOTHING, True, X_TO, covariance, support=bears, since=since), doubt
 
 
 def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeable]) -> TaskState:
@@ -206,20 +202,36 @@ def lift(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeabl
 
 def _rise(seen: StepView, step: Step, library: Sequence[Takeable]) -> float:
     """Return how far to lift an object straight up [m]: over all that stands close beside it."""
-    own, low, _ = _standing(library[step.target], seen.tracks[step.target].pose)
+    own, low, _ = _standing(_corners(library[step.target], seen.tracks[step.target].pose))
     rise = TUNING.raised
-    for k, track in enumerate(seen.tracks):
-        if k == step.target or track.status in (ObjectStatus.UNSEEN, ObjectStatus.GONE):
-            continue
-        other, _, high = _standing(library[k], track.pose)
+    for points in _beside(seen, step, library):
+        other, _, high = _standing(points)
         if np.linalg.norm(own[:2] - other[:2]) < own[2] + other[2] + TUNING.beside:
             rise = max(rise, high - low + TUNING.over)
     return rise
 
 
-def _standing(thing: Takeable, X_WO: Array) -> tuple[Array, float, float]:
-    """Return middle and radius (3,) of the circle that holds a thing from above, its lowest and highest z [m]."""
-    points = _corners(thing, X_WO)
+def _beside(seen: StepView, step: Step, library: Sequence[Takeable]) -> list[Array]:
+    """Return the corners (m, 3) in W of all that stands beside the object [m], in the library or not."""
+    there = (ObjectStatus.UNSEEN, ObjectStatus.GONE)
+    known = [
+        _corners(library[k], track.pose)
+        for k, track in enumerate(seen.tracks)
+        if k != step.target and track.status not in there
+    ]
+    own, X_OW = np.concatenate(library[step.target].pieces), inverse(seen.tracks[step.target].pose)
+    low, high = own.min(axis=0) - HELD_SHAPE.own, own.max(axis=0) + HELD_SHAPE.own
+    for points in seen.beside.corners():
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        p_O = rotations.matrix(X_OW[:4]) @ middle + X_OW[4:]
+        # What is seen in its very place is a part of it.
+        if not ((low < p_O) & (p_O < high)).all():
+            known.append(points)
+    return known
+
+
+def _standing(points: Array) -> tuple[Array, float, float]:
+    """Return middle and radius (3,) of the circle about points (m, 3) from above, their lowest and highest z [m]."""
     middle = 0.5 * (points[:, :2].min(axis=0) + points[:, :2].max(axis=0))
     radius = float(np.linalg.norm(points[:, :2] - middle, axis=1).max())
     return np.array([*middle, radius]), float(points[:, 2].min()), float(points[:, 2].max())

@@ -111,7 +111,8 @@ def lower(state: TaskState, seen: StepView, step: Step, library: Sequence[Takeab
     state, there = arrived(state, seen, step, TUNING.slow)
     if not there:
         return state
-    state = replace(state, hand=Hand(touched=step.target, around=True), opened=1.0, image=seen.now, elsewhere=0)
+    hand = Hand(touched=step.target, around=True, since=state.hand.since)
+    state = replace(state, hand=hand, opened=1.0, image=seen.now, elsewhere=0)
     state = state.noting(Note.RELEASED, seen.now)
     # Where it is: pushed aside by what comes near, it would go back to its place with the fingers half open.
     return state.entering(Phase.OPEN, seen.now)

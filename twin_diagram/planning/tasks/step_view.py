@@ -12,6 +12,7 @@ from twin_diagram.planning.collision.hand_shape import Palm
 from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.planning.tasks.grasp_from_above import NO_PALM
 from twin_diagram.planning.tasks.in_hand import Eye
+from twin_diagram.planning.tasks.standing_beside import StandingBeside
 from twin_diagram.signals.arrays import Array
 from twin_diagram.signals.layouts import PoseMeasurement, Track
 
@@ -87,6 +88,7 @@ class StepView:
         reach: number of joint positions that reach the goal; `NEVER` where the planner has none.
         palm: of the hand.
         eye: the camera, as far as calibration goes; None where nothing is told of its errors.
+        beside: what stands there besides the library's objects.
     """
 
     now: float
@@ -100,3 +102,4 @@ class StepView:
     reach: float
     eye: Eye | None = None
     palm: Palm = NO_PALM
+    beside: StandingBeside = field(default_factory=StandingBeside)

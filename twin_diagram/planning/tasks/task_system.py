@@ -27,6 +27,7 @@ from twin_diagram.planning.tasks.grasp_choice import ShapeGrasps
 from twin_diagram.planning.tasks.grasp_from_above import NO_PALM
 from twin_diagram.planning.tasks.in_hand import Eye
 from twin_diagram.planning.tasks.slips import told_of
+from twin_diagram.planning.tasks.standing_beside import StandingBeside
 from twin_diagram.planning.tasks.step_state import Phase, TaskOutcome, TaskState
 from twin_diagram.planning.tasks.step_view import PackedRows, StepView, Takeable
 from twin_diagram.planning.tasks.transitions import advance
@@ -38,6 +39,7 @@ from twin_diagram.signals.calibration_error import CALIBRATION_SIZE, SIZE
 from twin_diagram.signals.hand import HAND_SIZE
 from twin_diagram.signals.layouts import MEASUREMENT_SIZE, NEVER, POSE_SIZE, TRACK_SIZE, PoseMeasurement, Track
 from twin_diagram.signals.pose_vectors import from_matrix
+from twin_diagram.signals.things import FURTHER_TRACK_SIZE, THING_SIZE
 
 
 @dataclass(frozen=True)
@@ -152,6 +154,8 @@ class TaskRunner(LeafSystem):
         - gripper_state (optional)
         - reach (optional)
         - calibration (optional)
+        - further_tracks (optional)
+        - things (optional)
         output_ports:
         - goal
         - gripper_position_commanded
@@ -173,6 +177,8 @@ class TaskRunner(LeafSystem):
         reach: (1) how many joint positions reach the goal; `NEVER` where the planner has none.
         calibration: (10 + 100) errors of the camera's calibration that are taken out of what it shows, and their
             covariance; see `signals.calibration_error`. Not connected: none are, and what is told of them counts.
+        further_tracks: (F · FURTHER_TRACK_SIZE) further instances of the library's objects; see `signals.things`.
+        things: (T · THING_SIZE) unknown things; see there. Like other objects they count where a grasp is chosen.
         goal: (7) X_WG of the tool frame; an all-zero quaternion: stay.
         gripper_position_commanded: (g) [m].
         gripper_force_limit: (1) [N]; not a number before the first `pick`: as the description has it.
@@ -218,17 +224,12 @@ class TaskRunner(LeafSystem):
             for index, step in enumerate(self.told_steps):
                 if step.kind == "pick":
                     raise ScenarioError(f"twin.task.steps.{index}.kind", "pick needs a gripper; twin.arm has none")
+        self._kinds: Final = [known.pieces for known in self._library]
         self._model: Final = model
         self._fingers: Final = fingers
         self._start: Final = twin.task.start
         n, g, objects = len(model.joints), len(fingers.closed), len(library)
-        self._arm_in = self.DeclareVectorInputPort("arm_state", 2 * n)
-        self._tracks_in = self.DeclareVectorInputPort("tracks", TRACK_SIZE * objects)
-        self._time_in = self.DeclareVectorInputPort("measurement_time", 1)
-        self._measured_in = self.DeclareVectorInputPort("object_poses", MEASUREMENT_SIZE * objects)
-        self._gripper_in = self.DeclareVectorInputPort("gripper_state", 2 * g)
-        self._reach_in = self.DeclareVectorInputPort("reach", 1)
-        self._calibration_in = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
+        self._declare_inputs(n, g, objects, twin.slots)
         cameras = list(twin.perceiving.values())
         self._eye: Final = told_eye(cameras[0]) if len(cameras) == 1 else None
         self._state = self.DeclareDiscreteState(cast(Any, TaskState().pack()))
@@ -249,12 +250,28 @@ class TaskRunner(LeafSystem):
         for name, (size, value) in outputs.items():
             self._declare_output(name, size, value)
 
+    def _declare_inputs(self, n: int, g: int, objects: int, slots: scenario.Slots) -> None:
+        """Declare what is told, of so many joints, fingers and objects of the library."""
+        self._arm_in = self.DeclareVectorInputPort("arm_state", 2 * n)
+        self._tracks_in = self.DeclareVectorInputPort("tracks", TRACK_SIZE * objects)
+        self._time_in = self.DeclareVectorInputPort("measurement_time", 1)
+        self._measured_in = self.DeclareVectorInputPort("object_poses", MEASUREMENT_SIZE * objects)
+        self._gripper_in = self.DeclareVectorInputPort("gripper_state", 2 * g)
+        self._reach_in = self.DeclareVectorInputPort("reach", 1)
+        self._calibration_in = self.DeclareVectorInputPort("calibration", CALIBRATION_SIZE)
+        self._further_in = self.DeclareVectorInputPort("further_tracks", FURTHER_TRACK_SIZE * slots.further(objects))
+        self._things_in = self.DeclareVectorInputPort("things", THING_SIZE * slots.unknown)
+
     def _declare_output(self, name: str, size: int, value: Callable[[Array], Any]) -> None:
         def calc(context: Context, output: BasicVector) -> None:
             output.SetFromVector(value(self._vector(context)))
 
         ticket = self.discrete_state_ticket(self._state)
         self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
+
+    def add_asset(self, asset: Asset) -> None:
+        """Take in the shape of an asset that came later; `further_tracks` tell of it by its number."""
+        self._kinds.append(tuple(asset.convex_pieces))
 
     def remembered(self, context: Context) -> TaskState:
         """Return a copy of what is remembered; `context` is this system's."""
@@ -334,7 +351,14 @@ class TaskRunner(LeafSystem):
             palm=self._fingers.palm,
             reach=reach,
             eye=self._eye_now(context),
+            beside=self._beside(context),
         )
+
+    def _beside(self, context: Context) -> StandingBeside:
+        """Return what stands beside the library's objects, not to be written to."""
+        ports = self._further_in, self._things_in
+        further, things = (cast(Array, p.Eval(context)) if p.HasValue(context) else np.zeros(0) for p in ports)
+        return StandingBeside(further, things, self._kinds)
 
     def _eye_now(self, context: Context) -> Eye | None:
         """Return the camera with what is known of its calibration by now; None where nothing is told of its errors."""
