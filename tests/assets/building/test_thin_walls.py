@@ -83,7 +83,7 @@ def test_a_table_on_one_leg_is_as_thin_as_its_rim() -> None:
     body = trimesh.creation.revolve(np.array(line), sections=64)
     volume, height, errors, mesh = numbers(reconstruct(shots([body], cameras(16, 0.02, low=20.0))))
     true = abs(float(body.volume))
-    assert abs(volume - true) < 1.5 * errors.volume_std and volume - true < 0.65 * (mesh - true)
+    assert abs(volume - true) < 2.0 * errors.volume_std and volume - true < 0.65 * (mesh - true)
     assert abs(height - body.center_mass[2]) < 2.0 * errors.centre_std(volume)[2]
 
 
