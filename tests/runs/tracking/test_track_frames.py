@@ -418,6 +418,27 @@ def test_frames_without_depth_come_before_the_first_that_counts(
         assert "begins at frame 1" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("kind", ["black", "longest range", "specks"])
+def test_an_empty_frame_takes_nothing_away(kind: str, library: Path, taken: Shots, tmp_path: Path) -> None:
+    """All that was known was looked through at a camera's longest range, and lost after three frames, at 0.03."""
+    depth = np.zeros_like(taken.frames[0].depth)
+    if kind == "longest range":
+        depth += 4.0
+    elif kind == "specks":
+        depth[100, 100:120] = 0.001
+    empty = replace(taken.frames[0], rgb=np.zeros_like(taken.frames[0].rgb), depth=depth)
+    shown = [taken.frames[0]] * 3 + [empty] * 6 + [taken.frames[0]]
+    frames = Shots([replace(frame, number=k, time=k / 15.0) for k, frame in enumerate(shown)])
+    assert track(library, folder_of(frames, tmp_path / "frames"), tmp_path / "out") == 0
+    found = [of(line, "brick") for line in lines(tmp_path / "out")]
+    before = found[2]["probability"]
+    hidden = [one["probability"] for one in found[3:9]]
+    assert hidden == sorted(hidden, reverse=True) and 0.9 * before < hidden[-1] < before
+    assert {one["status"] for one in found[3:9]} == {"tracked"} and {one["visible"] for one in found[3:9]} == {0.0}
+    assert found[-1]["probability"] > 0.99 * before and len({one["track"] for one in found}) == 1
+    assert sum(line["frame"] >= 3 and len(line["objects"]) != 2 for line in lines(tmp_path / "out")) == 0
+
+
 @pytest.mark.parametrize("begin", [-100.0, 1.7e9])
 def test_times_may_begin_anywhere(begin: float, library: Path, taken: Shots, tracked: Path, tmp_path: Path) -> None:
     """What was before 0 passed for never seen, and of a clock that counts from 1970 the table lost the fractions."""

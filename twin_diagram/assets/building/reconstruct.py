@@ -26,6 +26,7 @@ from twin_diagram.assets.building.selection import grown, looked_at, masked_by_m
 from twin_diagram.assets.building.shape_errors import Doubt
 from twin_diagram.assets.building.smoothing import smoothed, vertex_normals
 from twin_diagram.assets.building.support_plane import find_plane
+from twin_diagram.assets.building.thin_walls import sloping_share
 from twin_diagram.assets.building.unseen_places import unseen_places
 from twin_diagram.assets.building.view_poses import AlignedViews, align, doubted
 from twin_diagram.errors import FramesError
@@ -182,7 +183,8 @@ def reconstruct(
     count = views_that_see(views, vertices, vertex_normals(vertices, faces))
     unseen = check_unseen(share_unseen(vertices, faces, count), where)
     say(f"{len(faces)} triangles, {enclosed_volume(vertices, faces) * 1e6:.1f} cm³, {100 * unseen:.0f} % never seen")
-    return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise, _doubt(found, opened))
+    doubt = _doubt(found, opened, sloping_share(vertices, faces, count > 1, found.plane))
+    return Reconstruction(vertices, faces, count, unseen, found.plane, views, found.noise, doubt)
 
 
 def looked_over(frame: RgbdFrame) -> DepthView:
@@ -190,10 +192,10 @@ def looked_over(frame: RgbdFrame) -> DepthView:
     return thinned(frame, TUNING.thinned if frame.depth.shape[1] >= TUNING.thinned * TUNING.least_columns else 1)
 
 
-def _doubt(found: AlignedViews, opened: Opened) -> Doubt:
+def _doubt(found: AlignedViews, opened: Opened, sloping: float) -> Doubt:
     """Return what may move the surface of what was fused of views."""
     alike = len(found.views) < LASTING.least_views and one_camera(found.views)
-    unseen = unseen_places(opened.field, opened.chance, found.plane)
+    unseen = unseen_places(opened.field, opened.chance, found.plane, sloping)
     return Doubt(found.covariances, found.together, found.centre, alike, unseen, opened.field.grid.voxel**3)
 
 

@@ -29,6 +29,9 @@ class Tuning:
     """Share of the variance of an empty volume that lies anywhere among its places, beside that which is so together:
     below a cap, plates and legs it is not what is nearest to where views looked past."""
 
+    least_left: float = 0.1
+    """Of its volume a body keeps this share at least, in how far its centre may be off."""
+
     patches: float = 10.0
     """Patches of a view's surface with errors of their own: depth noise is correlated over many pixels."""
 
@@ -131,24 +134,26 @@ def shape_errors(
     if doubt.alike:
         seen = moved[shares.sum(axis=0) > 0].sum(axis=0)
         by_depth += np.outer(seen, seen) / TUNING.patches
-    by_unseen = sum((_by_unseen(one, doubt.cell, about, R) for one in doubt.unseen), np.zeros((10, 10)))
+    volume = float(np.einsum("fi,fi->", a - about, np.cross(b - about, c - about)) / 6)
+    volume -= float(doubt.hollow().volumes.sum())
+    by_unseen = sum((_by_unseen(one, doubt.cell, about, R, volume) for one in doubt.unseen), np.zeros((10, 10)))
     return ShapeErrors(total + noise**2 * by_depth + by_unseen)
 
 
-def _by_unseen(unseen: Unseen, cell: float, about: Array, R: Array) -> Array:
+def _by_unseen(unseen: Unseen, cell: float, about: Array, R: Array, volume: float) -> Array:
     """Return the covariance (10, 10) by what no view told of, about a point, in axes turned by R (3, 3).
 
     A level between 0 and 1, each as likely, parts those cells that are empty, with a greater chance, from full ones.
-    As much as that may be empty in some of these places and not in others, by `TUNING.elsewhere`.
+    As much as that may be empty in some of these places and not in others, by `TUNING.elsewhere`. First moments are
+    those that a body of the told `volume` [m³] needs for its centre to move as far as that of one so much smaller does.
     """
     chance = unseen.chance
     numbers = _numbers((unseen.places - about) @ R.T)
     order = np.argsort(-chance, kind="stable")
-    empty = cell * np.cumsum(numbers[order], axis=0)
-    width = -np.diff(chance[order], append=0.0)[:, None]
-    off = (width * empty).sum(axis=0)
-    counted = cell * unseen.expected @ numbers
-    together = (width * empty).T @ empty - np.outer(off, off) + np.outer(off - counted, off - counted)
+    likely = -np.diff(np.concatenate([[1.0], chance[order], [0.0]]))  # that none is, the first one alone, the first two
+    more = cell * (unseen.expected @ numbers - np.concatenate([np.zeros((1, 10)), np.cumsum(numbers[order], axis=0)]))
+    more[:, 1:4] *= (volume / np.maximum(volume + more[:, 0], TUNING.least_left * volume))[:, None]
+    together = (likely[:, None] * more).T @ more
     if not len(chance):
         return np.asarray(together)
     aside = numbers - np.average(numbers, axis=0, weights=chance)

@@ -55,6 +55,13 @@ class Tuning:
     """Cameras are mostly held upright: a plane's normal that goes down in the image, by this share of it, counts a
     tenth; one that goes up by this share counts whole."""
 
+    through: float = 0.05
+    """A point so far below the support is seen through it [m], but beside its edge, …"""
+
+    least_shown: float = 0.002
+    """… and a frame of which less than this share of the pixels shows what is not, or shows anything, tells of no
+    thing: it is empty, or full of a camera's longest range."""
+
     least_feet: float = 20.0
     """Fewer pixels of feet are noise: then the largest surface is taken [pixel]."""
 
@@ -73,6 +80,15 @@ class TableFrame:
     def camera(self, camera: Pinhole) -> tuple[Array, Array]:
         """Return R_TC and p_TC of a camera posed in W."""
         return self.R_WT.T @ camera.R_WC, self.R_WT.T @ (camera.p_WC - self.p_WT)
+
+    def told(self, depth: DepthImage, camera: Pinhole) -> DepthImage:
+        """Return a frame's depth (H, W), or none where it looks through the support wherever it shows anything [m]."""
+        stride = max(1, depth.shape[1] // TUNING.columns)
+        z = np.ascontiguousarray(depth[::stride, ::stride]).astype(float)
+        up = self.R_WT[:, 2]
+        height = (camera.p_WC - self.p_WT) @ up + z * (camera.rays(stride) @ up)
+        shown = np.count_nonzero((z > 0) & (height > -TUNING.through))
+        return depth if shown >= TUNING.least_shown * z.size else np.zeros_like(depth)
 
 
 def table_frame(depth: DepthImage, camera: Pinhole) -> TableFrame:

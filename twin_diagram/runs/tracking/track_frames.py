@@ -32,6 +32,7 @@ from twin_diagram.runs.tracking.object_tracker import ObjectTracker
 from twin_diagram.runs.tracking.picture_content import PictureContent
 from twin_diagram.runs.tracking.results import OBJECTS, POSES, Results, bop_row, frame_line
 from twin_diagram.runs.tracking.room import slots_for
+from twin_diagram.runs.tracking.table_frame import TUNING as SHOWN
 from twin_diagram.runs.tracking.table_frame import TableFrame, table_frame
 from twin_diagram.runs.tracking.tracked_object import TrackedObject
 from twin_diagram.runtime import atomic_file
@@ -53,8 +54,6 @@ GREY = 0.005
 """Pictures whose red, green and blue differ by less than this share of how bright they are have no colours: an infrared
 camera's, all three written alike. A white table has 0.03, by a colour camera's noise alone; a black picture tells not.
 """
-LEAST_SHOWN = 0.002
-"""Share of pixels with depth below which a frame shows neither table nor thing: cameras' first ones may be empty."""
 FOCALS = (0.1, 50.0)
 """Focal lengths over the image's size: views of 157° and of 1°."""
 
@@ -139,7 +138,7 @@ def _tracked(
         camera = _pinhole(frame.colour, frame.colour.R_WC, frame.colour.p_WC, noise)
         if base is None:
             first = first or camera
-            if np.count_nonzero(frame.depth) < LEAST_SHOWN * frame.depth.size:
+            if np.count_nonzero(frame.depth) < SHOWN.least_shown * frame.depth.size:
                 yield [], {"frame": frame.number, "time": frame.time, "objects": []}
                 continue
             base, noise, doubt = _begun(folder, frame, depth, camera, say)
@@ -148,7 +147,7 @@ def _tracked(
         told_by = replace(PERCEPTION, stride=stride_of(camera.width))
         grid = Grid.of(_pinhole(frame.colour, *base.camera(camera), noise), told_by.stride)
         rgb, time = _rgb_of(frame), frame.time - zero
-        found = tracker.observe(apart(rgb, depth, time, grid, told_by))
+        found = tracker.observe(apart(rgb, base.told(depth, camera), time, grid, told_by))
         seen_by |= {one.track: frame.colour for one in found if one.found}
         rows = [row(frame, one, camera, base) for one in found if one.asset is not None and one.found]
         yield rows, frame_line(frame, found, base, doubt, seen_by)
@@ -267,7 +266,7 @@ def _check(frame: RgbdFrame, frames: Path) -> None:
                     f"{frames}: frame {frame.number}: {which}: {name} is {focal:g} for {size} pixels; must be "
                     f"{FOCALS[0]:g} to {FOCALS[1]:g} times as much [px]"
                 )
-    if (there := frame.depth[frame.depth > 0]).size:
+    if (there := frame.depth[frame.depth > 0]).size >= max(1.0, SHOWN.least_shown * frame.depth.size):
         usual = float(np.median(there))
         if not NEAREST < usual < FARTHEST:
             raise FramesError(
