@@ -10,16 +10,11 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from twin_diagram import TwinError, load_scenario, run_scenario
 from twin_diagram.runs.drawn_picks import draw_picks
-from twin_diagram.scenario import Scenario
-
-Draw = Callable[[Scenario, int], tuple[Scenario, str]]
-"""Makes a scenario for a seed, and says what else its line tells."""
 
 
 def row(seed: int, summary: dict[str, Any]) -> tuple[bool, str]:
@@ -34,19 +29,14 @@ def row(seed: int, summary: dict[str, Any]) -> tuple[bool, str]:
     return good, f"{told} {touched['point']:6d} {touched['surface']:8d}  {task['outcome']}{why}"
 
 
-def drawn(base: Scenario, seed: int) -> tuple[Scenario, str]:
-    """Return the scenario of a seed, and what else is said of it."""
-    return draw_picks(base, seed), ""
-
-
-def main(about: str | None = __doc__, name: str = "pick_and_place", draw: Draw = drawn) -> int:
-    """Parse the command line and run what `draw` makes of each seed; `about` it, and the `name` of its folder."""
+def main() -> int:
+    """Parse the command line and run."""
     logging.getLogger("drake").setLevel(logging.WARNING)
-    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenario", default="pick_and_place", help="file or name (default: %(default)s)")
     parser.add_argument("--first", type=int, default=0, help="the first seed (default: %(default)s)")
     parser.add_argument("--seeds", type=int, default=1, help="how many; of one alone the replay is written")
-    parser.add_argument("--out", type=Path, default=Path("out") / name, help="folder (default: %(default)s)")
+    parser.add_argument("--out", type=Path, default=Path("out/pick_and_place"), help="folder (default: %(default)s)")
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field")
     arguments = parser.parse_args()
     try:
@@ -55,9 +45,9 @@ def main(about: str | None = __doc__, name: str = "pick_and_place", draw: Draw =
         wins = 0
         for seed in range(arguments.first, arguments.first + arguments.seeds):
             one, out = arguments.seeds == 1, arguments.out / f"{seed:04d}"
-            plan, more = draw(base, seed)
+            plan = draw_picks(base, seed)
             good, line = row(seed, run_scenario(plan, out=out, pictures=one, quiet=True, say=lambda text: None))
-            print(line + more, flush=True)
+            print(line, flush=True)
             wins += good
         print(f"{wins} of {arguments.seeds} succeeded")
         return 0

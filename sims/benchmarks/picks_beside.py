@@ -8,6 +8,8 @@ bearing and a gap drawn from the seed, so that some of the hand's turns are barr
 
 from __future__ import annotations
 
+import argparse
+import logging
 import sys
 from pathlib import Path
 
@@ -16,8 +18,9 @@ import numpy as np
 SIMS = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(SIMS))
 
-from pick_and_place import main  # noqa: E402
+from pick_and_place import row  # noqa: E402
 
+from twin_diagram import TwinError, load_scenario, run_scenario  # noqa: E402
 from twin_diagram.assets import Asset  # noqa: E402
 from twin_diagram.runs.drawn_picks import draw_picks  # noqa: E402
 from twin_diagram.scenario import Pose, Scenario  # noqa: E402
@@ -28,7 +31,7 @@ GAP = (0.02, 0.05)
 
 
 def draw(base: Scenario, seed: int) -> tuple[Scenario, str]:
-    """Return the scenario of a seed, and what stands beside what is picked."""
+    """Return the scenario of a seed, and what stands beside."""
     plan, rng = draw_picks(base, seed), np.random.default_rng([912, seed])
     target = plan.twin.task.steps[0].object
     others = [name for name in ("mug", "sugar_box") if name in plan.twin.library]
@@ -42,8 +45,34 @@ def draw(base: Scenario, seed: int) -> tuple[Scenario, str]:
     x, y = told.translation[0] + far * np.cos(bearing), told.translation[1] + far * np.sin(bearing)
     moved.X_WO = Pose([float(x), float(y), moved.X_WO.translation[2]], [0.0, 0.0, float(yaw)])
     del plan.twin.library[name]
-    return plan, f"; beside it {name} {100 * far:.0f} cm at {np.degrees(bearing):.0f}°"
+    return plan, f"{name} {100 * far:.0f} cm at {np.degrees(bearing):.0f}°"
+
+
+def main() -> int:
+    """Parse the command line and run."""
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=0, help="the first seed (default: %(default)s)")
+    parser.add_argument("--seeds", type=int, default=6, help="how many (default: %(default)s)")
+    parser.add_argument("--out", type=Path, default=Path("out/picks_beside"), help="folder (default: %(default)s)")
+    parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field")
+    arguments = parser.parse_args()
+    try:
+        base = load_scenario("pick_and_place", arguments.set)
+        print(" seed  object       success  time s   off mm  off °  point  surface  outcome", flush=True)
+        wins = 0
+        for seed in range(arguments.first, arguments.first + arguments.seeds):
+            plan, beside = draw(base, seed)
+            out = arguments.out / f"{seed:04d}"
+            good, line = row(seed, run_scenario(plan, out=out, pictures=False, quiet=True, say=lambda text: None))
+            print(f"{line}; beside it {beside}", flush=True)
+            wins += good
+        print(f"{wins} of {arguments.seeds} succeeded")
+        return 0
+    except TwinError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
 
 
 if __name__ == "__main__":
-    sys.exit(main(__doc__, "picks_beside", draw))
+    sys.exit(main())
