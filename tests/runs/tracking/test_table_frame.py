@@ -73,3 +73,15 @@ def test_nothing_on_it_the_largest_level_one_is_the_table() -> None:
 def test_a_things_side_is_no_table() -> None:
     camera = looking(0.5, 0.5)
     assert not table_frame(depth_of(THINGS, camera), camera).found
+
+
+def test_a_frame_of_what_is_beyond_tells_nothing_but_only_where_a_support_is_known() -> None:
+    camera = looking(0.8, 0.8)
+    table = depth_of((*THINGS, ((-1.0, -0.8, -0.02), (1.0, 0.8, 0.0))), camera)
+    beyond = np.full_like(table, 4.0)
+    known = table_frame(table, camera)
+    assert known.found
+    assert (known.told(table, camera) == table).all() and not known.told(beyond, camera).any()
+    ball = table_frame(depth_of((((-0.05, -0.05, 0.0), (0.05, 0.05, 0.1)),), camera), camera)
+    assert not ball.found
+    assert (ball.told(beyond, camera) == beyond).all(), "the camera has stepped back"

@@ -82,7 +82,12 @@ class TableFrame:
         return self.R_WT.T @ camera.R_WC, self.R_WT.T @ (camera.p_WC - self.p_WT)
 
     def told(self, depth: DepthImage, camera: Pinhole) -> DepthImage:
-        """Return a frame's depth (H, W), or none where it looks through the support wherever it shows anything [m]."""
+        """Return a frame's depth (H, W), or none where it looks through the support wherever it shows anything [m].
+
+        Where no support was found nothing tells what is beyond: a camera that steps back sees things there.
+        """
+        if not self.found:
+            return depth
         stride = max(1, depth.shape[1] // TUNING.columns)
         z = np.ascontiguousarray(depth[::stride, ::stride]).astype(float)
         up = self.R_WT[:, 2]
